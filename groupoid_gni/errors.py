@@ -1,0 +1,55 @@
+"""The exceptions and warnings of the library.
+
+Every message says what was found, where, and how to mend it. The classes also derive from the
+built-in exception a NumPy user would expect, so ``except ValueError`` keeps working.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class GNIError(Exception):
+    """Base class of every exception raised on purpose by this library."""
+
+
+class InputError(GNIError, ValueError):
+    """An argument has a wrong type, shape or value."""
+
+
+class NotComposableError(InputError):
+    """Two arrows do not meet: target(first) differs from source(then)."""
+
+
+class RecordingError(GNIError, TypeError):
+    """A user's function did something that cannot be recorded symbolically."""
+
+
+class StepFailure(GNIError, RuntimeError):
+    """The integration stopped before its end.
+
+    Attributes
+    ----------
+    result : Trajectory
+        Everything that was computed up to the last good step.
+    """
+
+    def __init__(self, message: str, result: Any = None) -> None:
+        super().__init__(message)
+        self.result = result
+
+
+class TrajectoryFileError(GNIError, OSError):
+    """A file does not hold a trajectory of this library, or only a part of one."""
+
+
+class GNIWarning(UserWarning):
+    """Base class of the library's warnings."""
+
+
+class DependentConstraintsWarning(GNIWarning):
+    """Some constraint rows depend linearly on others and were left out."""
+
+
+class ParasiticModeWarning(GNIWarning):
+    """The (-1)^k mode of a two-step method has left its O(h^2) bound."""
