@@ -1,0 +1,39 @@
+"""When Newton's iteration for a step is finished.
+
+Residual times update, summed in absolute value and divided by the kinetic scale of the step, is the
+square of a relative error e_k that does not depend on units. The iteration converges
+quadratically, so ``e_{k+1}`` is about ``e_k^3 / e_{k-1}^2``; it stops after the update that is
+predicted to leave less than round-off. The same numbers serve both runners.
+"""
+
+from __future__ import annotations
+
+AT_ROUND_OFF = 1e-31
+"""e_k^2 at which nothing can be gained."""
+
+PREDICTED = 1e-32
+"""Bound on the predicted next e^2, as in ``t_k^3 <= PREDICTED * t_{k-1}^2`` with t = e^2."""
+
+BEFORE_FIRST = 1e-14
+"""e^2 assumed of the update before the first: a first update below e = 1e-10 is enough."""
+
+STAGNATION = 0.06
+"""A reduction of e^2 worse than this factor, below ``STAGNATION_LEVEL``, is round-off."""
+
+STAGNATION_LEVEL = 1e-22
+"""e^2 below which stagnation is accepted (ill-conditioned problems end there)."""
+
+MAX_ITERATIONS = 30
+"""Iterations before the step is given up."""
+
+TINY = 1e-300
+"""Keeps the quotient finite for a system at rest."""
+
+
+def finished(now: float, last: float) -> bool:
+    """Whether the iteration may stop after the update with e^2 = ``now``."""
+    return (
+        now <= AT_ROUND_OFF
+        or now * now * now <= PREDICTED * last * last
+        or (now >= STAGNATION * last and now <= STAGNATION_LEVEL)
+    )

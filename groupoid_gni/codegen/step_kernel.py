@@ -1,0 +1,353 @@
+"""The loop over steps as one LLVM function with a fixed skeleton.
+
+    for step { guess; while not converged { newton }; advance; check; store every n-th }
+
+Operations that depend only on parameters are computed before the loop, those that depend only on
+the state before the Newton iteration. Written for any number of lanes W; lanes that have converged
+or failed are frozen, so every lane computes what it would compute alone.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from groupoid_gni.codegen import newton_rule as rule
+from groupoid_gni.codegen.elementary import sine_cosine_function
+from groupoid_gni.codegen.emitter import Emitter, Values
+from groupoid_gni.codegen.tape import Tape
+from groupoid_gni.discretization.step_program import StepProgram
+from groupoid_gni.outcomes import Outcome
+
+_UPDATE, _MEASURE, _NEXT, _ARROWS, _GUARDS = range(5)
+_CONSTANT, _PARAMETER, _STATE, _UNKNOWN = range(4)
+
+
+def step_function(program: StepProgram) -> ca.Function:
+    """(parameters, state, unknowns) -> (update, (work, scale), next state, arrows, guards)."""
+    work = ca.sum1(ca.fabs(program.residual * program.update))
+    outputs = [
+        program.update,
+        ca.vertcat(work, program.scale),
+        program.next_state,
+        program.arrow_velocities,
+        ca.vertcat(*[guard.value for guard in program.guards]),
+    ]
+    inputs = [program.parameters, program.state, program.unknowns]
+    return ca.Function("step", inputs, ca.cse([ca.densify(o) for o in outputs]))
+
+
+def step_kernel_ir(program: StepProgram, lanes: int, fused: bool) -> str:
+    """IR text of the module with ``@advance`` for this program."""
+    return _StepKernel(program, lanes, fused).text()
+
+
+def field_ir(function: ca.Function, lanes: int, fused: bool) -> str:
+    """IR text of a module with ``@evaluate(first input, second input, output)``."""
+    tape = Tape.of(function).fused()
+    e = Emitter(lanes, fused)
+    values = Values(tape, e)
+    for number, pointer in enumerate(("%first", "%second")):
+        size = function.numel_in(number)
+        values.bind_input(number, [_load(e, pointer, i) for i in range(size)])
+    values.emit(tape.needed([0]), range(4))
+    for i, name in enumerate(values.output(0)):
+        _store(e, name, "%output", str(i))
+    e.line("ret void")
+    head = "define void @evaluate(ptr %first, ptr %second, ptr %output) {"
+    return _module(e, [head, "entry:", *e.lines, "}"])
+
+
+def _module(e: Emitter, lines: list[str]) -> str:
+    elementary, declarations = sine_cosine_function(e.lanes, e.fused)
+    used = "@gni_sincos" in "\n".join(lines)
+    parts = [*(elementary if used else []), *lines]
+    needed = e.declarations | (declarations if used else set())
+    return "\n".join([*parts, *sorted(needed)]) + "\n"
+
+
+def _load(e: Emitter, pointer: str, index: int) -> str:
+    address = e.assign(f"getelementptr {e.type}, ptr {pointer}, i64 {index}")
+    return e.assign(f"load {e.type}, ptr {address}, align 8")
+
+
+def _store(e: Emitter, value: str, pointer: str, index: str) -> None:
+    address = e.assign(f"getelementptr {e.type}, ptr {pointer}, i64 {index}")
+    e.line(f"store {e.type} {value}, ptr {address}, align 8")
+
+
+class _StepKernel:
+    """Builds ``i64 @advance(parameters, state, memory, rows, status, first, count, every)``.
+
+    parameters, state : W values per entry.  memory : the last three sets of unknowns, then the
+    running count of Newton iterations.  rows : room for the saved nodes.  status : one i64 per
+    lane, the outcome code, then one per lane, the step at which it failed.
+    Returns the number of steps done (the last one complete in at least one lane).
+    """
+
+    def __init__(self, program: StepProgram, lanes: int, fused: bool) -> None:
+        self.program = program
+        self.e = Emitter(lanes, fused)
+        self.tape = Tape.of(step_function(program)).fused()
+        self.state_size = program.layout.size
+        self.unknown_size = program.unknowns.numel()
+        self.values = Values(self.tape, self.e)
+        self.phis: dict[str, list[str]] = {}
+
+    def text(self) -> str:
+        """The whole module."""
+        e = self.e
+        self._entry()
+        self._head()
+        self._advance(*(self._newton() if self.unknown_size else self._no_newton()))
+        self._leave()
+        head = (
+            "define i64 @advance(ptr %parameters, ptr %state, ptr %memory, ptr %rows, "
+            "ptr %status, i64 %first, i64 %count, i64 %every) {"
+        )
+        body = [line for entry in e.lines for line in self.phis.get(entry, [entry])]
+        return _module(e, [head, "entry:", *body, "}"])
+
+    def _place_phis(self, block: str) -> None:
+        """Mark where the phi nodes of a block go; their incoming names are known only later."""
+        self.e.lines.append(block)
+        self.phis[block] = []
+
+    def _phi(self, block: str, name: str, kind: str, *incoming: tuple[str, str]) -> None:
+        sources = ", ".join(f"[ {value}, %{label} ]" for value, label in incoming)
+        self.phis[block].append(f"  {name} = phi {kind} {sources}")
+
+    def _entry(self) -> None:
+        e = self.e
+        sizes = self.program.parameters.numel()
+        self.values.bind_input(0, [_load(e, "%parameters", i) for i in range(sizes)])
+        everything = self.tape.needed(range(5))
+        self.values.emit(everything, [_CONSTANT, _PARAMETER])
+        self.start_state = [_load(e, "%state", i) for i in range(self.state_size)]
+        n = self.unknown_size
+        self.start_memory = [_load(e, "%memory", i) for i in range(3 * n + 1)]
+        if e.lanes > 1:
+            self.start_alive = self._alive_from_status()
+        done_before = e.assign("srem i64 %first, %every")
+        self.first_due = e.assign(f"sub i64 %every, {done_before}")
+        e.line("br label %head")
+
+    def _alive_from_status(self) -> str:
+        e = self.e
+        kind = f"<{e.lanes} x i64>"
+        codes = e.assign(f"load {kind}, ptr %status, align 8")
+        return e.assign(f"icmp eq {kind} {codes}, zeroinitializer")
+
+    def _head(self) -> None:
+        e = self.e
+        n = self.unknown_size
+        e.label("head")
+        self._place_phis("head")
+        self.state = [f"%s{i}" for i in range(self.state_size)]
+        self.memory = [f"%m{i}" for i in range(3 * n + 1)]
+        e.line("%more = icmp slt i64 %k, %count")
+        e.line("br i1 %more, label %step, label %leave")
+        e.label("step")
+        self.values.bind_input(1, self.state)
+
+    def _no_newton(self) -> tuple[Values, list[str], str, str | None]:
+        return self.values, [], self.memory[-1], None
+
+    def _newton(self) -> tuple[Values, list[str], str, str | None]:
+        """Emit guess and iteration; return values, unknowns, Newton count, converged flag."""
+        e, n = self.e, self.unknown_size
+        needed = self.tape.needed([_UPDATE, _MEASURE])
+        self.values.emit(needed, [_STATE])
+        guesses = [self._extrapolate(i) for i in range(n)]
+        e.line("br label %newton")
+        e.label("newton")
+        self._place_phis("newton")
+        unknowns = [f"%u{i}" for i in range(n)]
+        inner = Values(self.tape, e, self.values)
+        inner.bind_input(2, unknowns)
+        inner.emit(needed, [_UNKNOWN])
+        new, error, total, busy = self._iterate(inner, unknowns)
+        for name, guess, following in zip(unknowns, guesses, new, strict=True):
+            self._phi("newton", name, e.type, (guess, "step"), (following, "newton"))
+        first = e.constant(rule.BEFORE_FIRST)
+        self._phi("newton", "%j", "i64", ("0", "step"), ("%j1", "newton"))
+        self._phi("newton", "%t", e.type, (first, "step"), (error, "newton"))
+        self._phi("newton", "%total", e.type, (self.memory[-1], "step"), (total, "newton"))
+        if e.lanes > 1:
+            self._phi("newton", "%busy", e.flag_type, ("%alive", "step"), (busy, "newton"))
+        e.label("settled")
+        after = Values(self.tape, e, self.values)
+        after.bind_input(2, new)
+        converged = busy if e.lanes == 1 else self._not(busy)
+        return after, new, total, converged
+
+    def _not(self, flag: str) -> str:
+        e = self.e
+        true = "true" if e.lanes == 1 else "<" + ", ".join(["i1 true"] * e.lanes) + ">"
+        return e.assign(f"xor {e.flag_type} {flag}, {true}")
+
+    def _extrapolate(self, i: int) -> str:
+        """Quadratic extrapolation of an unknown from the last three steps."""
+        e, n = self.e, self.unknown_size
+        one, two, three = self.memory[i], self.memory[n + i], self.memory[2 * n + i]
+        difference = e.binary("fsub", one, two)
+        return e.multiply_add(difference, e.constant(3.0), three)
+
+    def _iterate(self, inner: Values, unknowns: list[str]) -> tuple[list[str], str, str, str]:
+        """One Newton update: new unknowns, e^2, running count, and a flag.
+
+        The flag is "converged" for one lane, "still busy" per lane for several.
+        """
+        e = self.e
+        work, scale = inner.output(_MEASURE)
+        error = e.binary("fdiv", work, e.binary("fadd", scale, e.constant(rule.TINY)))
+        flag = self._finished(error)
+        new = [
+            e.binary("fsub", u, d) for u, d in zip(unknowns, inner.output(_UPDATE), strict=True)
+        ]
+        one = e.constant(1.0)
+        if e.lanes == 1:
+            total = e.binary("fadd", "%total", one)
+            keep_going = self._not(flag)
+        else:
+            new = [e.select("%busy", name, u) for u, name in zip(unknowns, new, strict=True)]
+            error = e.select("%busy", error, "%t")
+            total = e.binary("fadd", "%total", e.select("%busy", one, e.constant(0.0)))
+            flag = e.assign(f"and {e.flag_type} %busy, {self._not(flag)}")
+            bits = e.assign(f"bitcast {e.flag_type} {flag} to i{e.lanes}")
+            keep_going = e.assign(f"icmp ne i{e.lanes} {bits}, 0")
+        e.line("%j1 = add i64 %j, 1")
+        left = e.assign(f"icmp slt i64 %j1, {rule.MAX_ITERATIONS}")
+        again = e.assign(f"and i1 {keep_going}, {left}")
+        e.line(f"br i1 {again}, label %newton, label %settled")
+        return new, error, total, flag
+
+    def _finished(self, error: str) -> str:
+        """``newton_rule.finished`` as flags."""
+        e = self.e
+        at_floor = e.compare("ole", error, e.constant(rule.AT_ROUND_OFF))
+        cube = e.binary("fmul", e.binary("fmul", error, error), error)
+        last = e.binary("fmul", e.binary("fmul", "%t", "%t"), e.constant(rule.PREDICTED))
+        predicted = e.compare("ole", cube, last)
+        slow = e.compare("oge", error, e.binary("fmul", "%t", e.constant(rule.STAGNATION)))
+        low = e.compare("ole", error, e.constant(rule.STAGNATION_LEVEL))
+        stagnated = e.assign(f"and {e.flag_type} {slow}, {low}")
+        either = e.assign(f"or {e.flag_type} {at_floor}, {predicted}")
+        return e.assign(f"or {e.flag_type} {either}, {stagnated}")
+
+    def _advance(
+        self, values: Values, unknowns: list[str], total: str, converged: str | None
+    ) -> None:
+        e = self.e
+        values.emit(self.tape.needed([_NEXT, _ARROWS, _GUARDS]), range(4))
+        new = values.output(_NEXT)
+        good, code = self._checks(values, new, converged)
+        n = self.unknown_size
+        memory = [*unknowns, *self.memory[: 2 * n], total]
+        if e.lanes == 1:
+            e.line(f"br i1 {good}, label %next, label %failed")
+            e.label("failed")
+            e.line(f"store i64 {code}, ptr %status")
+            e.line("br label %leave")
+        else:
+            self._bury(good, code)
+            new = [e.select("%alive1", a, b) for a, b in zip(new, self.state, strict=True)]
+            memory = [e.select("%alive1", a, b) for a, b in zip(memory, self.memory, strict=True)]
+            e.line("br label %next")
+        e.label("next")
+        self._save([*new, *values.output(_ARROWS), memory[-1]])
+        e.line("br label %head")
+        self._close_head(new, memory)
+
+    def _close_head(self, new: list[str], memory: list[str]) -> None:
+        e = self.e
+        self._phi("head", "%k", "i64", ("0", "entry"), ("%k1", "saved"))
+        self._phi("head", "%due", "i64", (self.first_due, "entry"), ("%due1", "saved"))
+        self._phi("head", "%row", "ptr", ("%rows", "entry"), ("%row1", "saved"))
+        carried = zip(
+            [*self.state, *self.memory],
+            [*self.start_state, *self.start_memory],
+            [*new, *memory],
+            strict=True,
+        )
+        for name, start, following in carried:
+            self._phi("head", name, e.type, (start, "entry"), (following, "saved"))
+        if e.lanes > 1:
+            self._phi(
+                "head", "%alive", e.flag_type, (self.start_alive, "entry"), ("%alive1", "saved")
+            )
+
+    def _checks(self, values: Values, new: list[str], converged: str | None) -> tuple[str, str]:
+        """Flag that the step is good, and the outcome code in case it is not."""
+        e = self.e
+        total = new[0]
+        for name in new[1:]:
+            total = e.binary("fadd", total, name)
+        good = e.compare("oeq", e.binary("fsub", total, total), e.constant(0.0))
+        code = self._code(Outcome.NOT_FINITE)
+        one = e.constant(1.0)
+        pairs = zip(values.output(_GUARDS), self.program.guards, strict=True)
+        for name, guard in reversed(list(pairs)):
+            fine = e.compare("olt", name, one)
+            code = self._choose(fine, code, self._code(guard.code))
+            good = e.assign(f"and {e.flag_type} {good}, {fine}")
+        if converged is not None:
+            code = self._choose(converged, code, self._code(Outcome.NEWTON_FAILED))
+            good = e.assign(f"and {e.flag_type} {good}, {converged}")
+        return good, code
+
+    @property
+    def _integer(self) -> str:
+        return "i64" if self.e.lanes == 1 else f"<{self.e.lanes} x i64>"
+
+    def _code(self, value: int) -> str:
+        if self.e.lanes == 1:
+            return str(int(value))
+        return "<" + ", ".join([f"i64 {int(value)}"] * self.e.lanes) + ">"
+
+    def _choose(self, flag: str, a: str, b: str) -> str:
+        kind = self._integer
+        return self.e.assign(f"select {self.e.flag_type} {flag}, {kind} {a}, {kind} {b}")
+
+    def _bury(self, good: str, code: str) -> None:
+        """Mark lanes that failed in this step with their code and the step number."""
+        e, kind = self.e, self._integer
+        bad = self._not(good)
+        dying = e.assign(f"and {e.flag_type} %alive, {bad}")
+        e.line(f"%alive1 = and {e.flag_type} %alive, {good}")
+        old = e.assign(f"load {kind}, ptr %status, align 8")
+        new = self._choose(dying, code, old)
+        e.line(f"store {kind} {new}, ptr %status, align 8")
+        where = e.assign(f"getelementptr i64, ptr %status, i64 {e.lanes}")
+        old_step = e.assign(f"load {kind}, ptr {where}, align 8")
+        now = e.assign("add i64 %first, %k")
+        single = e.assign(f"insertelement {kind} undef, i64 {now}, i32 0")
+        splat = e.assign(
+            f"shufflevector {kind} {single}, {kind} undef, <{e.lanes} x i32> zeroinitializer"
+        )
+        new_step = self._choose(dying, splat, old_step)
+        e.line(f"store {kind} {new_step}, ptr {where}, align 8")
+
+    def _save(self, row: list[str]) -> None:
+        """Write a row when the absolute step number is a multiple of ``every``."""
+        e = self.e
+        e.line("%k1 = add i64 %k, 1")
+        e.line("%now = icmp eq i64 %k1, %due")
+        e.line("br i1 %now, label %save, label %saved")
+        e.label("save")
+        for i, name in enumerate(row):
+            _store(e, name, "%row", str(i))
+        after = e.assign(f"getelementptr {e.type}, ptr %row, i64 {len(row)}")
+        later = e.assign("add i64 %due, %every")
+        e.line("br label %saved")
+        e.label("saved")
+        e.line(f"%row1 = phi ptr [ %row, %next ], [ {after}, %save ]")
+        e.line(f"%due1 = phi i64 [ %due, %next ], [ {later}, %save ]")
+
+    def _leave(self) -> None:
+        e = self.e
+        e.label("leave")
+        for i, name in enumerate(self.state):
+            _store(e, name, "%state", str(i))
+        for i, name in enumerate(self.memory):
+            _store(e, name, "%memory", str(i))
+        e.line("ret i64 %k")

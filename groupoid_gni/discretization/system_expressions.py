@@ -1,0 +1,251 @@
+"""The mechanics of a system at one base point, as CasADi expressions.
+
+Everything comes from one Lagrangian ``L(x, xi) = 1/2 G_x(xi, xi) + <A_x, xi> - V(x)``: momentum,
+energy, the projectors of section 2, the reflection of equation (49) and the reference equations.
+All vectors are SX columns; matrices come in row-major (C) order from the recordings.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import casadi as ca
+
+from groupoid_gni.discretization.elimination import cholesky, solve_linear, solve_lower, solve_upper
+from groupoid_gni.expressions import RecordedFunction, record
+from groupoid_gni.systems import MechanicalSystem
+
+
+def as_matrix(column: ca.SX, rows: int, columns: int) -> ca.SX:
+    """A row-major flat column as a sparse matrix without its zeros."""
+    return ca.sparsify(ca.reshape(column, columns, rows).T)
+
+
+class Node:
+    """Metric and constraints of a system at one base point x: what a reflection needs.
+
+    metric : G, (r, r).  mu : (m, r).  normal : G^-1 mu^T, (r, m).
+    gram : C = mu G^-1 mu^T.  lower : its Cholesky factor L.  offset : Pi = G Y + A, (r,).
+    """
+
+    def __init__(self, expressions: SystemExpressions, x: ca.SX, theta: ca.SX) -> None:
+        self.metric = expressions.metric(x, theta)
+        self.mu = expressions.constraints(x, theta)
+        self.normal = solve_linear(self.metric, self.mu.T)
+        self.gram = ca.mtimes(self.mu, self.normal)
+        self.lower, self.pivots = cholesky(self.gram)
+        self._drift = expressions.section("drift", x, theta)
+        self._gyroscopic = expressions.section("gyroscopic", x, theta)
+
+    def violation(self, p: ca.SX) -> ca.SX:
+        """``mu (G^-1 (p - A) - Y) = mu G^-1 (p - Pi)``, zero on the constraint set (25)."""
+        return ca.mtimes(self.normal.T, p - self._gyroscopic) - ca.mtimes(self.mu, self._drift)
+
+    def impulse(self, p: ca.SX) -> ca.SX:
+        """Components ``C^-1 mu G^-1 (p - Pi)`` of ``Q* (p - Pi) = mu^T C^-1 mu G^-1 (p - Pi)``."""
+        return solve_upper(self.lower, solve_lower(self.lower, self.violation(p)))
+
+    def reflect(self, p: ca.SX) -> ca.SX:
+        """``R(p) = (P* - Q*) p + 2 Q* Pi``: the impact of equations (49) and (38), sign mended."""
+        return p - ca.mtimes(self.mu.T, 2 * self.impulse(p))
+
+    def project(self, p: ca.SX) -> ca.SX:
+        """``P* p + Q* Pi``, the orthogonal projection onto the constraint set."""
+        return p - ca.mtimes(self.mu.T, self.impulse(p))
+
+    def normal_component(self, p: ca.SX) -> ca.SX:
+        """``L^-1 mu G^-1 (p - Pi)``: components in the G^-1-orthonormal basis N = mu^T L^-T."""
+        return solve_lower(self.lower, self.violation(p))
+
+    def normal_vector(self, components: ca.SX) -> ca.SX:
+        """``N components = mu^T L^-T components``."""
+        return ca.mtimes(self.mu.T, solve_upper(self.lower, components))
+
+
+class SystemExpressions:
+    """CasADi expressions of a system restricted to its active constraint rows.
+
+    Recordings of the groupoid are made once per instance. ``theta`` below is the flat column of
+    physical parameters.
+    """
+
+    def __init__(self, system: MechanicalSystem, active_rows: tuple[int, ...]) -> None:
+        self.system = system
+        self.space = system.space
+        self.active_rows = active_rows
+        self.rank = system.space.rank
+        self.base_size = system.space.base_size
+        self.constraint_count = len(active_rows)
+        self.parameter_size = system.parameter_layout.size
+
+    def _of_space(self, name: str, inputs: dict[str, tuple[int, ...]], shape: tuple[int, ...],
+                  ) -> RecordedFunction:
+        return record(getattr(self.space, name), inputs, shape, name=name)
+
+    @cached_property
+    def _at_arrow(self) -> dict[str, tuple[int, ...]]:
+        return {"x": (self.base_size,), "xi": (self.rank,)}
+
+    @cached_property
+    def _target(self) -> RecordedFunction:
+        space = self.space
+        return record(
+            lambda x, xi: space.target(space.retract(x, xi)),
+            self._at_arrow,
+            (self.base_size,),
+            name="target(retract(x, xi))",
+        )
+
+    @cached_property
+    def _plus(self) -> RecordedFunction:
+        shape = (self.rank, self.rank)
+        return self._of_space("trivialised_tangent_plus", self._at_arrow, shape)
+
+    @cached_property
+    def _minus(self) -> RecordedFunction:
+        shape = (self.rank, self.rank)
+        return self._of_space("trivialised_tangent_minus", self._at_arrow, shape)
+
+    @cached_property
+    def _anchor(self) -> RecordedFunction:
+        shape = (self.base_size, self.rank)
+        return self._of_space("anchor", {"x": (self.base_size,)}, shape)
+
+    @cached_property
+    def _bracket(self) -> RecordedFunction:
+        shape = (self.rank, self.rank, self.rank)
+        return self._of_space("bracket", {"x": (self.base_size,)}, shape)
+
+    @cached_property
+    def _reach(self) -> RecordedFunction:
+        return self._of_space("reach", self._at_arrow, ())
+
+    @cached_property
+    def _restore(self) -> RecordedFunction:
+        shape = (self.base_size,)
+        return self._of_space("restore_base", {"x": shape}, shape)
+
+    @cached_property
+    def _retract(self) -> RecordedFunction:
+        return self._of_space("retract", self._at_arrow, (self.space.arrow_size,))
+
+    @cached_property
+    def _multiply(self) -> RecordedFunction:
+        shape = (self.space.arrow_size,)
+        return self._of_space("multiply", {"first": shape, "then": shape}, shape)
+
+    @cached_property
+    def _restore_arrow(self) -> RecordedFunction:
+        shape = (self.space.arrow_size,)
+        return self._of_space("restore_arrow", {"arrow": shape}, shape)
+
+    def target(self, x: ca.SX, eta: ca.SX) -> ca.SX:
+        """Target of the arrow ``retract(x, eta)``."""
+        return self._target.call_sx(x, eta)
+
+    def restore_base(self, x: ca.SX) -> ca.SX:
+        """x moved back onto the base manifold by one Newton step (round-off only)."""
+        return self._restore.call_sx(x) if self.base_size else x
+
+    def retract(self, x: ca.SX, eta: ca.SX) -> ca.SX:
+        """The arrow ``retract(x, eta)``, flat."""
+        return self._retract.call_sx(x, eta)
+
+    def continue_arrow(self, arrow: ca.SX, then: ca.SX) -> ca.SX:
+        """``W_{k+1} = W_k g_k`` (Remark 7.2), kept on the groupoid to round-off."""
+        return self._restore_arrow.call_sx(self._multiply.call_sx(arrow, then))
+
+    def tangent_plus(self, x: ca.SX, eta: ca.SX) -> ca.SX:
+        """B+ at the arrow ``retract(x, eta)``, (r, r)."""
+        return as_matrix(self._plus.call_sx(x, eta), self.rank, self.rank)
+
+    def tangent_minus(self, x: ca.SX, eta: ca.SX) -> ca.SX:
+        """B- at the arrow ``retract(x, eta)``, (r, r)."""
+        return as_matrix(self._minus.call_sx(x, eta), self.rank, self.rank)
+
+    def anchor(self, x: ca.SX) -> ca.SX:
+        """The anchor rho(x), (base_size, r)."""
+        return as_matrix(self._anchor.call_sx(x), self.base_size, self.rank)
+
+    def reach(self, x: ca.SX, eta: ca.SX) -> ca.SX:
+        """Size of the arrow relative to the retraction's domain."""
+        return self._reach.call_sx(x, eta)
+
+    def metric(self, x: ca.SX, theta: ca.SX) -> ca.SX:
+        """G_x, (r, r)."""
+        flat = self.system.recorded("metric").call_sx(x, theta)
+        return as_matrix(flat, self.rank, self.rank)
+
+    def constraints(self, x: ca.SX, theta: ca.SX) -> ca.SX:
+        """The active rows of mu(x), (m, r)."""
+        if not self.active_rows:
+            return ca.SX(0, self.rank)
+        flat = self.system.recorded("constraints").call_sx(x, theta)
+        full = as_matrix(flat, self.system.constraint_count, self.rank)
+        return full[list(self.active_rows), :]
+
+    def section(self, name: str, x: ca.SX, theta: ca.SX) -> ca.SX:
+        """``drift`` Y or ``gyroscopic`` A, (r,); a structural zero when left out."""
+        if not self.system.has(name):
+            return ca.SX(self.rank, 1)
+        return ca.sparsify(self.system.recorded(name).call_sx(x, theta))
+
+    def potential(self, x: ca.SX, theta: ca.SX) -> ca.SX:
+        """V(x)."""
+        if not self.system.has("potential"):
+            return ca.SX(0)
+        return self.system.recorded("potential").call_sx(x, theta)
+
+    def lagrangian(self, x: ca.SX, xi: ca.SX, theta: ca.SX) -> ca.SX:
+        """``1/2 xi^T G xi + A xi - V``: the only physics in the library."""
+        kinetic = ca.mtimes(xi.T, ca.mtimes(self.metric(x, theta), xi)) / 2
+        linear = ca.dot(self.section("gyroscopic", x, theta), xi)
+        return kinetic + linear - self.potential(x, theta)
+
+    def momentum(self, x: ca.SX, xi: ca.SX, theta: ca.SX) -> ca.SX:
+        """``dL/dxi = G xi + A``."""
+        return ca.mtimes(self.metric(x, theta), xi) + self.section("gyroscopic", x, theta)
+
+    def velocity(self, x: ca.SX, p: ca.SX, theta: ca.SX) -> ca.SX:
+        """``G^-1 (p - A)``, the inverse Legendre transform."""
+        return solve_linear(self.metric(x, theta), p - self.section("gyroscopic", x, theta))
+
+    def energy(self, x: ca.SX, p: ca.SX, theta: ca.SX) -> ca.SX:
+        """``<p, xi> - L`` at the velocity of p."""
+        xi = self.velocity(x, p, theta)
+        return ca.dot(p, xi) - self.lagrangian(x, xi, theta)
+
+    def node(self, x: ca.SX, theta: ca.SX) -> Node:
+        """Projectors and reflection at x."""
+        return Node(self, x, theta)
+
+    def unconstrained_field(self, x: ca.SX, p: ca.SX, theta: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """``x' = rho xi`` and ``p_a' = rho_a^i dL/dx^i + <p, [xi, e_a]>`` without constraints."""
+        xi = self.velocity(x, p, theta)
+        r = self.rank
+        force = ca.SX.zeros(r, 1)
+        if self.base_size:
+            point = ca.SX.sym("x", self.base_size)
+            slope = ca.gradient(self.lagrangian(point, xi_symbol := ca.SX.sym("xi", r), theta),
+                                point)
+            here = ca.Function("slope", [point, xi_symbol, theta], [slope])(x, xi, theta)
+            force = ca.mtimes(self.anchor(x).T, here)
+        structure = as_matrix(self._bracket.call_sx(x), r, r * r)
+        force += ca.mtimes(as_matrix(ca.mtimes(p.T, structure).T, r, r).T, xi)
+        return ca.mtimes(self.anchor(x), xi) if self.base_size else ca.SX(0, 1), force
+
+    def multipliers(self, x: ca.SX, p: ca.SX, theta: ca.SX) -> ca.SX:
+        """lambda with ``p' = f0 + mu^T lambda`` (physical force), (m,), by differentiating (25)."""
+        if not self.active_rows:
+            return ca.SX(0, 1)
+        point, momentum = ca.SX.sym("x", self.base_size), ca.SX.sym("p", self.rank)
+        along_x, along_p = self.unconstrained_field(x, p, theta)
+        violation = self.node(point, theta).violation(momentum)
+        rate = ca.Function(
+            "rate",
+            [point, momentum, theta, velocity := ca.SX.sym("v", self.base_size),
+             push := ca.SX.sym("f", self.rank)],
+            [ca.jtimes(violation, ca.vertcat(point, momentum), ca.vertcat(velocity, push))],
+        )(x, p, theta, along_x, along_p)
+        node = self.node(x, theta)
+        return -solve_upper(node.lower, solve_lower(node.lower, rate))

@@ -1,0 +1,91 @@
+"""The pair groupoid R^n x R^n: arrows are pairs of points, the discrete tangent bundle.
+
+The classical discrete mechanics of section 5 of the paper lives here.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from groupoid_gni.array_types import Array, ArrayLike
+from groupoid_gni.groupoids.components import batch_shape, join, repeated
+from groupoid_gni.groupoids.lie_groupoid import LieGroupoid
+
+
+class PairGroupoid(LieGroupoid):
+    """R^n x R^n => R^n, arrows (x0, x1), retract(x, xi) = (x, x + xi).
+
+    B+ = 1, B- = -1, anchor 1, bracket 0.
+
+    Parameters
+    ----------
+    base_dim : int
+        n.
+    """
+
+    def __init__(self, base_dim: int) -> None:
+        self.base_dim = self.rank = base_dim
+        self.example_base_point = np.zeros(base_dim)
+
+    def source(self, g: Array) -> Array:
+        """Give x0."""
+        return g[..., : self.base_dim]
+
+    def target(self, g: Array) -> Array:
+        """Give x1."""
+        return g[..., self.base_dim :]
+
+    def identity(self, x: Array) -> Array:
+        """Give (x, x)."""
+        return join(x, x)
+
+    def multiply(self, g: Array, h: Array) -> Array:
+        """Give (x0, x1)(x1, x2) = (x0, x2)."""
+        return join(self.source(g), self.target(h))
+
+    def inverse(self, g: Array) -> Array:
+        """Give (x1, x0)."""
+        return join(self.target(g), self.source(g))
+
+    def retract(self, x: Array, xi: Array) -> Array:
+        """Give (x, x + xi)."""
+        return join(x, x + xi)
+
+    def lift(self, g: Array) -> Array:
+        """Give x1 - x0."""
+        return self.target(g) - self.source(g)
+
+    def anchor(self, x: Array) -> Array:
+        """Give the identity matrix, shape (..., n, n)."""
+        return repeated(np.eye(self.rank), batch_shape(x))
+
+    def trivialised_tangent_plus(self, x: Array, xi: Array) -> Array:
+        """Give the identity matrix, shape (..., n, n)."""
+        return repeated(np.eye(self.rank), _common_batch(x, xi))
+
+    def trivialised_tangent_minus(self, x: Array, xi: Array) -> Array:
+        """Give minus the identity matrix, shape (..., n, n)."""
+        return repeated(-np.eye(self.rank), _common_batch(x, xi))
+
+    def bracket(self, x: Array) -> Array:
+        """Give zero, shape (..., n, n, n)."""
+        return repeated(np.zeros((self.rank,) * 3), batch_shape(x))
+
+    def half(self, x: Array, xi: Array) -> Array:
+        """Give xi / 2."""
+        return xi / 2
+
+    def pose(self, arrow: Array) -> Array:
+        """Give the target."""
+        return self.target(arrow)
+
+    def arrow_to(self, base_point: Array, pose: ArrayLike | None = None) -> Array:
+        """Give the identity at ``base_point``: the pose is where the arrow ends."""
+        return self.identity(base_point)
+
+    def __repr__(self) -> str:
+        return f"PairGroupoid({self.base_dim})"
+
+
+def _common_batch(x: Array, xi: Array) -> tuple[int, ...]:
+    return np.broadcast_shapes(batch_shape(x), batch_shape(xi))

@@ -1,0 +1,15 @@
+"""Methods, the driver ``integrate``, and equation (49) for one arrow."""
+
+from groupoid_gni.integrators.integration import compiled_step, integrate
+from groupoid_gni.integrators.methods import GNI, Method, ReferenceFlow, Variational
+from groupoid_gni.integrators.one_arrow import next_arrow
+
+__all__ = [
+    "GNI",
+    "Method",
+    "ReferenceFlow",
+    "Variational",
+    "compiled_step",
+    "integrate",
+    "next_arrow",
+]

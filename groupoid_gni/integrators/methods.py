@@ -1,0 +1,78 @@
+"""Methods as values: what to step with.
+
+A discrete Lagrangian is itself a method (the paper's two-step GNI); ``GNI`` is the projected step,
+the library's default; ``ReferenceFlow`` integrates the equations of motion to a tolerance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from groupoid_gni.discretization import DiscreteLagrangian, EulerB
+from groupoid_gni.errors import InputError
+
+
+@dataclass(frozen=True)
+class Variational:
+    """The free flight of a discrete Lagrangian: solve FL-(g) = p, then p+ = FL+(g).
+
+    discrete_lagrangian : the first half of the step; the second half uses its adjoint. The default
+        pair Euler B, Euler A evaluates the potential once per step, where the impact is.
+    """
+
+    discrete_lagrangian: DiscreteLagrangian = field(default_factory=EulerB)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.discrete_lagrangian, DiscreteLagrangian):
+            raise InputError(
+                "Variational takes a discrete Lagrangian such as gni.Rattle(), not "
+                f"{self.discrete_lagrangian!r}"
+            )
+
+
+@dataclass(frozen=True)
+class GNI:
+    """Geometric nonholonomic integrator with symmetric projection; the default method.
+
+    Each step flies h/2, is reflected, flies h/2, with a normal momentum lent before and taken back
+    after, so that the step maps the constraint set to itself to round-off, is self-adjoint, and has
+    no parasitic mode.
+
+    order : 2.
+    flow : the free flight, ``Variational(...)``.
+    """
+
+    order: int = 2
+    flow: Variational = field(default_factory=Variational)
+
+    def __post_init__(self) -> None:
+        if self.order != 2:
+            raise InputError(
+                f"GNI(order={self.order!r}) is not available; this version has order=2. For more "
+                "digits over short times use ReferenceFlow(rtol=...)"
+            )
+        if not isinstance(self.flow, Variational):
+            raise InputError(f"flow must be a free flight such as Variational(), not {self.flow!r}")
+
+
+@dataclass(frozen=True)
+class ReferenceFlow:
+    """The equations of motion themselves, by an adaptive method of order 8 (SciPy's DOP853).
+
+    Not structure-preserving: use it for short-time accuracy and as an oracle.
+
+    rtol : relative tolerance per step.  atol : absolute tolerance; rtol * 1e-2 when left out.
+    """
+
+    rtol: float = 1e-10
+    atol: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, value in (("rtol", self.rtol), ("atol", self.atol)):
+            if value is not None and not 0.0 < value < 1.0:
+                raise InputError(f"{name} must lie between 0 and 1, got {value!r}")
+        if self.rtol < 1e-13:
+            raise InputError(f"rtol={self.rtol} is below what doubles can give; use 1e-13 or more")
+
+
+Method = DiscreteLagrangian | GNI | ReferenceFlow

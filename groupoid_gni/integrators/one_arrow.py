@@ -1,0 +1,78 @@
+"""Equation (49) itself, for one arrow."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from groupoid_gni.array_types import ArrayLike, FloatArray
+from groupoid_gni.discretization import DiscreteLagrangian, SystemExpressions, next_arrow_function
+from groupoid_gni.errors import InputError, StepFailure
+from groupoid_gni.integrators.integration import _checked_step
+from groupoid_gni.outcomes import Outcome
+from groupoid_gni.systems import MechanicalSystem
+
+_ITERATIONS = 50
+
+
+def next_arrow(
+    system: MechanicalSystem,
+    discrete_lagrangian: DiscreteLagrangian,
+    arrow: ArrayLike,
+    *,
+    step: float,
+) -> FloatArray:
+    """The arrow h after g: ``FL-(h) = (P* - Q*) FL+(g) + 2 Q* Pi`` at ``alpha(h) = beta(g)``.
+
+    arrow : (arrow_size,), the last arrow g.  step : the step size in L_d.
+    Returns (arrow_size,).  Equations (49) and (38), the sign of the affine term mended.
+    Raises InputError for an arrow of the wrong shape, StepFailure when the solve fails.
+    """
+    space = system.space
+    if not isinstance(discrete_lagrangian, DiscreteLagrangian):
+        raise InputError(f"expected a discrete Lagrangian, got {discrete_lagrangian!r}")
+    h = _checked_step(step)
+    g = np.array(arrow, dtype=float)
+    if g.shape != (space.arrow_size,) or not np.all(np.isfinite(g)):
+        raise InputError(
+            f"arrow must be {space.arrow_size} finite numbers; make one with "
+            "space.retract(base, step * velocity)"
+        )
+    x0 = np.asarray(space.source(g), dtype=float)
+    xi = np.asarray(space.lift(g), dtype=float) / h
+    x1 = np.asarray(space.target(g), dtype=float)
+    rows = system.independent_rows(x1)
+    function = _function(system, discrete_lagrangian, rows)
+    q, velocity = _solve(function, (x0, xi, h, system.parameter_vector))
+    return np.asarray(space.retract(q, h * velocity), dtype=float)
+
+
+def _function(
+    system: MechanicalSystem, discrete: DiscreteLagrangian, rows: tuple[int, ...]
+) -> Any:
+    key = ("next_arrow", discrete, rows)
+    if key not in system._compiled:
+        expressions = SystemExpressions(system, rows)
+        system._compiled[key] = next_arrow_function(expressions, discrete)
+    return system._compiled[key]
+
+
+def _solve(function: Any, arguments: tuple[Any, ...]) -> tuple[FloatArray, FloatArray]:
+    start = np.zeros(function.numel_in(4))
+    velocity = np.array(function(*arguments, start)[5]).ravel()
+    last = np.inf
+    for _ in range(_ITERATIONS):
+        residual, jacobian, q, _, after, _ = (
+            np.array(v) for v in function(*arguments, velocity)
+        )
+        if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(jacobian))):
+            break
+        update = np.linalg.solve(jacobian, residual).ravel()
+        velocity = velocity - update
+        size = float(np.max(np.abs(update), initial=0.0))
+        scale = float(np.max(np.abs(velocity), initial=0.0)) + 1e-300
+        if size <= 1e-15 * scale or (size >= 0.5 * last and size <= 1e-10 * scale):
+            return q.ravel(), velocity
+        last = size
+    raise StepFailure(Outcome.NEWTON_FAILED.sentence)

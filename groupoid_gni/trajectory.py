@@ -1,0 +1,402 @@
+"""What an integration returns: the saved nodes, and everything that can be computed from them."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from groupoid_gni.array_types import ArrayLike, FloatArray
+from groupoid_gni.discretization import StateLayout, SystemExpressions
+from groupoid_gni.errors import InputError, TrajectoryFileError
+from groupoid_gni.expressions import record
+from groupoid_gni.groupoids import LieGroupoid
+from groupoid_gni.outcomes import Outcome
+from groupoid_gni.systems import MechanicalSystem
+
+_FORMAT = "groupoid_gni trajectory 1"
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """The saved nodes of a run.
+
+    Attributes
+    ----------
+    system, method_name, step_size : what was run.
+    node_steps : (n,) int, step numbers of the saved nodes; ``times = node_steps * step_size``.
+    rows : (n, row) raw rows: state, arrow velocities, Newton count (see ``layout``).
+    layout : where the parts of the state lie in a row.
+    active_rows : constraint rows that took part in the step.
+    flights : free flights per step (0 when there are no arrows).
+    outcome, detail : how the run ended; ``success``, ``status``, ``message`` follow SciPy.
+
+    Shapes below: n nodes, r = rank, m = number of constraint rows as given.
+    """
+
+    system: MechanicalSystem
+    method_name: str
+    step_size: float
+    node_steps: np.ndarray
+    rows: FloatArray
+    layout: StateLayout
+    active_rows: tuple[int, ...]
+    flights: int
+    outcome: Outcome = Outcome.SUCCESS
+    detail: str = ""
+    seconds: float = 0.0
+    rescued_steps: int = 0
+    _expressions: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def success(self) -> bool:
+        """Whether the end of the interval was reached."""
+        return self.outcome is Outcome.SUCCESS
+
+    @property
+    def status(self) -> int:
+        """Outcome code (``groupoid_gni.Outcome``); 0 is success."""
+        return int(self.outcome)
+
+    @property
+    def message(self) -> str:
+        """How the run ended, in words."""
+        return " ".join(part for part in (self.outcome.sentence, self.detail) if part)
+
+    def __len__(self) -> int:
+        return len(self.node_steps)
+
+    def __repr__(self) -> str:
+        return f"<Trajectory of {len(self)} nodes, {self.method_name}: {self.outcome.name}>"
+
+    @property
+    def times(self) -> FloatArray:
+        """(n,) times of the saved nodes."""
+        return np.asarray(self.node_steps * self.step_size)
+
+    def _part(self, name: str) -> FloatArray:
+        if name not in self.layout.slices:
+            raise InputError(f"this trajectory has no {name}: {self.method_name} does not store it")
+        return self.rows[:, self.layout.slices[name]]
+
+    @property
+    def base(self) -> FloatArray:
+        """(n, base_size) base points."""
+        return self._part("base")
+
+    @property
+    def momenta_before(self) -> FloatArray:
+        """(n, r) momenta p+ on arrival at the node, before the impact."""
+        return self._part("before")
+
+    @property
+    def momenta_after(self) -> FloatArray:
+        """(n, r) momenta p- on departure from the node, after the impact."""
+        return self._part("after")
+
+    @property
+    def momenta(self) -> FloatArray:
+        """(n, r) mean of the two; it satisfies the constraints (equation (9b), section 8)."""
+        return 0.5 * (self.momenta_before + self.momenta_after)
+
+    @cached_property
+    def velocities(self) -> FloatArray:
+        """(n, r) velocity components of the mean momentum in the frame of AG."""
+        return self._evaluate("velocity", self.momenta)
+
+    @cached_property
+    def multipliers(self) -> FloatArray:
+        """(n, m) constraint forces lambda with ``p' = ... + mu^T lambda`` (per unit time).
+
+        Two-step methods: the impulse of the node divided by the step. Projected and reference
+        methods: the multiplier of the equations of motion at the node. Zero for rows left out.
+        """
+        two_step = self.layout.slices["before"] != self.layout.slices["after"]
+        if two_step:
+            values = -2.0 / self.step_size * self._evaluate("impulse", self.momenta_before)
+        else:
+            values = self._evaluate("multipliers", self.momenta)
+        full = np.zeros((len(self), self.system.constraint_count))
+        full[:, list(self.active_rows)] = values
+        return full
+
+    def energy(self) -> FloatArray:
+        """(n,) energy ``<p, xi> - L`` at the mean momentum."""
+        return self._evaluate("energy", self.momenta)[:, 0]
+
+    def constraint_residuals(self, relative: bool = False) -> FloatArray:
+        """(n, m) ``mu (xi - Y)`` of all rows as given, at the mean momentum.
+
+        relative : divide each by ``|mu| (|xi| + |Y|)``, the size of its terms.
+        """
+        mu = self.system.evaluate("constraints", self.base)
+        drift = self.system.evaluate("drift", self.base)
+        residuals = np.einsum("nar,nr->na", mu, self.velocities - drift)
+        if relative:
+            size = np.einsum("nar,nr->na", np.abs(mu), np.abs(self.velocities) + np.abs(drift))
+            residuals = residuals / np.where(size > 0.0, size, 1.0)
+        return np.asarray(residuals)
+
+    @property
+    def newton_iterations(self) -> FloatArray:
+        """(n - 1,) Newton iterations between consecutive saved nodes."""
+        return np.diff(self.rows[:, -1])
+
+    @property
+    def parasitic_amplitude(self) -> FloatArray:
+        """(n,) relative size |u| / |p| of the (-1)^k part of a two-step run."""
+        return self._part("parasitic")[:, 0]
+
+    @property
+    def parasitic_bound(self) -> float:
+        """Largest (relative impulse)^2, an O(h^2) quantity the amplitude is compared with."""
+        record = self._part("parasitic")
+        return float(record[-1, 2] ** 2) if record.shape[1] else 0.0
+
+    @property
+    def final_state(self) -> tuple[FloatArray, FloatArray]:
+        """(base, velocity) of the last node, ready for ``system.state(*...)``."""
+        return self.base[-1].copy(), self.velocities[-1].copy()
+
+    @cached_property
+    def arrows(self) -> FloatArray:
+        """(n - 1, arrow_size) arrows g_k from node k to node k + 1.
+
+        Raises InputError when not every node was saved.
+        """
+        if self.flights == 0:
+            raise InputError(f"{self.method_name} has no arrows; it integrates base and momentum")
+        if np.any(np.diff(self.node_steps) != 1):
+            raise InputError(
+                "the arrows between saved nodes were not stored (save_every > 1). To accumulate "
+                "them while running, use integrate(..., reconstruct=W0)"
+            )
+        space, r = self.system.space, self.system.space.rank
+        retract = self._space_function("retract")
+        velocities = self.rows[1:, self.layout.size : -1]
+        share = self.step_size / self.flights
+        x = self.base[:-1]
+        arrow = retract(x, share * velocities[:, :r])
+        if self.flights == 2:
+            middle = self._space_function("target")(arrow)
+            second = retract(middle, share * velocities[:, r:])
+            arrow = self._space_function("multiply")(arrow, second)
+        return np.asarray(arrow).reshape(len(self) - 1, space.arrow_size)
+
+    def reconstruct(self, start: ArrayLike | None = None) -> FloatArray:
+        """Poses ``W_{k+1} = W_k g_k`` (Remark 7.2), (n, *pose shape).
+
+        start : pose W_0; the identity when left out. When the run itself was asked to reconstruct
+            (``integrate(..., reconstruct=W0)``), those poses are returned and ``start`` must be
+            left out.
+        """
+        space = self.system.space
+        if "reconstructed" in self.layout.slices:
+            if start is not None:
+                raise InputError("the run was reconstructed already; call reconstruct() bare")
+            return np.asarray(space.pose(self._part("reconstructed")))
+        first = starting_arrow(space, self.base[0], start)
+        return np.asarray(space.pose(self._accumulate(first, self.arrows)))
+
+    def _accumulate(self, first: FloatArray, arrows: FloatArray) -> FloatArray:
+        """All partial products, in blocks so that NumPy sees long batches."""
+        multiply = self._space_function("multiply")
+        n = len(arrows)
+        length = max(1, int(np.sqrt(n)))
+        blocks = [arrows[i::length] for i in range(length)]
+        partial = np.empty_like(arrows)
+        running = blocks[0] if n else arrows
+        for i in range(min(length, n)):
+            size = len(blocks[i])
+            running = running[:size] if i == 0 else multiply(running[:size], blocks[i])
+            partial[i::length] = running
+        result = np.empty((n + 1, arrows.shape[1]))
+        result[0] = carry = first
+        for begin in range(0, n, length):
+            block = partial[begin : begin + length]
+            product = multiply(np.broadcast_to(carry, block.shape), block)
+            result[begin + 1 : begin + 1 + len(block)] = product
+            carry = product[-1]
+        return result
+
+    def _space_function(self, name: str) -> Any:
+        """A groupoid function that takes batches, whoever wrote it."""
+        if name not in self._expressions:
+            space: LieGroupoid = self.system.space
+            x, g = {"x": (space.base_size,)}, (space.arrow_size,)
+            inputs, output = {
+                "retract": ({**x, "xi": (space.rank,)}, g),
+                "target": ({"g": g}, (space.base_size,)),
+                "multiply": ({"first": g, "then": g}, g),
+            }[name]
+            self._expressions[name] = record(getattr(space, name), inputs, output, name=name)
+        return self._expressions[name]
+
+    def _evaluate(self, quantity: str, p: FloatArray) -> FloatArray:
+        """A quantity of the system at every node, (n, size)."""
+        if quantity not in self._expressions:
+            self._expressions[quantity] = self._quantity(quantity)
+        values = self._expressions[quantity](self.base.T, p.T, self.system.parameter_vector)
+        return np.array(values).T.reshape(len(self), -1)
+
+    def _quantity(self, quantity: str) -> ca.Function:
+        e = SystemExpressions(self.system, self.active_rows)
+        x, p = ca.SX.sym("x", e.base_size), ca.SX.sym("p", e.rank)
+        theta = ca.SX.sym("theta", e.parameter_size)
+        expression = {
+            "velocity": lambda: e.velocity(x, p, theta),
+            "energy": lambda: e.energy(x, p, theta),
+            "impulse": lambda: e.node(x, theta).impulse(p),
+            "multipliers": lambda: e.multipliers(x, p, theta),
+        }[quantity]()
+        return ca.Function(quantity, [x, p, theta], [ca.cse(ca.densify(expression))])
+
+    def summary(self) -> str:
+        """Steps, outcome, energy and constraint records in a few lines."""
+        steps = int(self.node_steps[-1])
+        energy = self.energy()
+        scale = float(np.max(np.abs(energy))) or 1.0
+        lines = [
+            f"{self.method_name} on {type(self.system.space).__name__}: {steps} steps of "
+            f"{self.step_size:g}, t = {self.times[0]:g} ... {self.times[-1]:g}, "
+            f"{len(self)} nodes saved",
+            f"  outcome      {self.outcome.name.lower()}: {self.message}",
+            f"  energy       {energy[0]:.12g} at the start, {energy[-1]:.12g} at the end, largest "
+            f"relative change {np.max(np.abs(energy - energy[0])) / scale:.2e}",
+        ]
+        if self.system.constraint_count:
+            worst = float(np.max(np.abs(self.constraint_residuals(relative=True))))
+            lines.append(f"  constraints  largest relative residual {worst:.2e}")
+        if "parasitic" in self.layout.slices and self._part("parasitic").shape[1]:
+            largest = float(self._part("parasitic")[-1, 1])
+            lines.append(f"  parasitic    largest amplitude {largest:.2e} of |p|")
+        if steps and self.rows[-1, -1] > 0:
+            lines.append(f"  Newton       {self.rows[-1, -1] / steps:.2f} iterations per step")
+        if self.seconds > 0.0 and steps:
+            lines.append(
+                f"  time         {self.seconds:.3g} s, {self.seconds / steps * 1e9:.0f} ns per step"
+            )
+        return "\n".join(lines)
+
+    def plot(self, axes: Any = None) -> Any:
+        """Base path, energy and constraint records; returns the matplotlib figure."""
+        from groupoid_gni.plotting import plot_trajectory
+
+        return plot_trajectory(self, axes=axes)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write an ``.npz`` file (no pickle), atomically; return its path."""
+        target = Path(path)
+        if target.suffix != ".npz":
+            target = target.with_name(target.name + ".npz")
+        header = {
+            "format": _FORMAT,
+            "space": type(self.system.space).__name__,
+            "rank": self.system.space.rank,
+            "base_size": self.system.space.base_size,
+            "method": self.method_name,
+            "step_size": self.step_size,
+            "layout": {k: [s.start, s.stop] for k, s in self.layout.slices.items()},
+            "layout_size": self.layout.size,
+            "active_rows": list(self.active_rows),
+            "flights": self.flights,
+            "outcome": int(self.outcome),
+            "detail": self.detail,
+            "seconds": self.seconds,
+            "rescued_steps": self.rescued_steps,
+            "parameters": list(self.system.parameters),
+        }
+        arrays = {f"parameter_{k}": v for k, v in self.system.parameters.items()}
+        handle, name = tempfile.mkstemp(dir=target.parent, suffix=".npz")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                np.savez(
+                    file,
+                    header=np.array(json.dumps(header)),
+                    node_steps=self.node_steps,
+                    rows=self.rows,
+                    **arrays,
+                )
+            os.replace(name, target)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+        return target
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], system: MechanicalSystem) -> Trajectory:
+        """Read a file written by ``save``; ``system`` is the system it was made with.
+
+        The stored parameter values are put into the system. Raises TrajectoryFileError when the
+        file is not a trajectory or does not belong to such a system.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                header = json.loads(str(file["header"]))
+                steps, rows = file["node_steps"], file["rows"]
+                values = {k: file[f"parameter_{k}"] for k in header["parameters"]}
+        except FileNotFoundError:
+            raise
+        except Exception as error:
+            raise TrajectoryFileError(
+                f"{path} is not a complete trajectory file of groupoid_gni "
+                f"({type(error).__name__}: {error}); write it again with run.save(path)"
+            ) from error
+        _check_same_system(path, header, system)
+        layout = StateLayout(
+            {k: slice(*v) for k, v in header["layout"].items()}, header["layout_size"]
+        )
+        return cls(
+            system=system.with_parameters(**values),
+            method_name=header["method"],
+            step_size=header["step_size"],
+            node_steps=steps,
+            rows=rows,
+            layout=layout,
+            active_rows=tuple(header["active_rows"]),
+            flights=header["flights"],
+            outcome=Outcome(header["outcome"]),
+            detail=header["detail"],
+            seconds=header["seconds"],
+            rescued_steps=header["rescued_steps"],
+        )
+
+
+def starting_arrow(
+    space: LieGroupoid, base_point: FloatArray, pose: ArrayLike | None
+) -> FloatArray:
+    """The arrow W_0 ending at the base point with the given pose; the identity for None."""
+    if pose is None:
+        return np.asarray(space.identity(base_point), dtype=float)
+    try:
+        arrow = np.asarray(space.arrow_to(base_point, np.array(pose, dtype=float)), dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"the pose {pose!r} does not fit {type(space).__name__}: {error}"
+        ) from error
+    if arrow.shape != (space.arrow_size,):
+        raise InputError(
+            f"the pose has shape {np.shape(pose)}; poses of {type(space).__name__} have shape "
+            f"{np.shape(space.pose(space.identity(base_point)))}"
+        )
+    return arrow
+
+
+def _check_same_system(path: Any, header: dict[str, Any], system: MechanicalSystem) -> None:
+    if header.get("format") != _FORMAT:
+        raise TrajectoryFileError(f"{path} has the unknown format {header.get('format')!r}")
+    space = system.space
+    found = (header["space"], header["rank"], header["base_size"], set(header["parameters"]))
+    given = (type(space).__name__, space.rank, space.base_size, set(system.parameters))
+    if found != given:
+        raise TrajectoryFileError(
+            f"{path} belongs to another system: it has (space, rank, base size, parameters) "
+            f"{found}, the given one {given}"
+        )
