@@ -1,9 +1,10 @@
 """When Newton's iteration for a step is finished.
 
 Residual times update, summed in absolute value and divided by the kinetic scale of the step, is the
-square of a relative error e_k that does not depend on units. The iteration converges
-quadratically, so ``e_{k+1}`` is about ``e_k^3 / e_{k-1}^2``; it stops after the update that is
-predicted to leave less than round-off. The same numbers serve both runners.
+square of a relative error e_k that does not depend on units. Where the iteration converges
+quadratically, ``e_{k+1}`` is about ``e_k^3 / e_{k-1}^2``, elsewhere at most ``e_k^2 / e_{k-1}``;
+it stops after the update that is predicted to leave less than round-off. The same numbers serve
+both runners.
 """
 
 from __future__ import annotations
@@ -12,10 +13,10 @@ AT_ROUND_OFF = 1e-31
 """e_k^2 at which nothing can be gained."""
 
 PREDICTED = 1e-32
-"""Bound on the predicted next e^2, as in ``t_k^3 <= PREDICTED * t_{k-1}^2`` with t = e^2."""
+"""Bound on the predicted next t = e^2: ``t_k^3 / t_{k-1}^2`` or ``t_k^2 / t_{k-1}``."""
 
 BEFORE_FIRST = 1e-14
-"""e^2 assumed of the update before the first: a first update below e = 1e-10 is enough."""
+"""e^2 assumed of the update before the first: a first one below 1e-10 (3e-12) is enough."""
 
 STAGNATION = 0.06
 """A reduction of e^2 worse than this factor, below ``STAGNATION_LEVEL``, is round-off."""
@@ -30,10 +31,13 @@ TINY = 1e-300
 """Keeps the quotient finite for a system at rest."""
 
 
-def finished(now: float, last: float) -> bool:
+def finished(now: float, last: float, quadratic: bool) -> bool:
     """Whether the iteration may stop after the update with e^2 = ``now``."""
+    predicted = now * now * now <= PREDICTED * last * last if quadratic else (
+        now * now <= PREDICTED * last
+    )
     return (
         now <= AT_ROUND_OFF
-        or now * now * now <= PREDICTED * last * last
+        or predicted
         or (now >= STAGNATION * last and now <= STAGNATION_LEVEL)
     )

@@ -27,8 +27,7 @@ from groupoid_gni.outcomes import Outcome
 class Progress:
     """Where a run stands: everything needed to go on, bit for bit. Never changed in place.
 
-    state : (n,).  memory : (3 * unknowns + 1,), the unknowns of the last three steps and the
-    running Newton count.  step : number of steps done.
+    state : (n,).  memory : unknowns of the last three steps, carried values, Newton count.  step : number of steps done.
     """
 
     state: FloatArray
@@ -53,71 +52,66 @@ class StepRunner(ABC):
         """
 
     @cached_property
-    def _first_guess(self) -> ca.Function:
+    def _first_memory(self) -> ca.Function:
         p = self.program
-        return ca.Function("first_guess", [p.parameters, p.state], [p.first_guess])
+        return ca.Function("first", [p.parameters, p.state], [p.first_guess, p.first_carried])
 
     @cached_property
-    def _newton_system(self) -> ca.Function:
+    def _update_and_slope(self) -> ca.Function:
+        """The iteration's update and its Jacobian, with carried values held."""
         p = self.program
-        jacobian = ca.densify(ca.jacobian(p.residual, p.unknowns))
-        return ca.Function(
-            "newton_system",
-            [p.parameters, p.state, p.unknowns],
-            ca.cse([p.residual, jacobian, p.scale]),
-        )
+        jacobian = ca.densify(ca.jacobian(p.update, p.unknowns))
+        inputs = [p.parameters, p.state, p.unknowns, p.carried, p.later]
+        return ca.Function("update", inputs, ca.cse([ca.densify(p.update), jacobian]))
 
     def begin(self, parameters: FloatArray, state: FloatArray) -> Progress:
         """Progress at step 0, warm start included."""
-        return self.with_guess(
-            Progress(np.array(state), np.zeros(1)), self.guess(parameters, state)
+        return self.with_unknowns(parameters, Progress(np.array(state), np.zeros(1)), None)
+
+    def with_unknowns(
+        self, parameters: FloatArray, progress: Progress, unknowns: FloatArray | None
+    ) -> Progress:
+        """The same progress with a warm start from given unknowns, or from the state alone."""
+        guess, carried = (
+            np.array(v).ravel() for v in self._first_memory(parameters, progress.state)
         )
-
-    def guess(self, parameters: FloatArray, state: FloatArray) -> FloatArray:
-        """Unknowns of the next step estimated from the state alone."""
-        return np.array(self._first_guess(parameters, state)).ravel()
-
-    def with_guess(self, progress: Progress, guess: FloatArray) -> Progress:
-        """The same progress with the warm start replaced."""
-        memory = np.concatenate([np.tile(guess, 3), progress.memory[-1:]])
+        recent = np.tile(guess if unknowns is None else unknowns, 3)
+        memory = np.concatenate([recent, carried, progress.memory[-1:]])
         return Progress(progress.state, memory, progress.step)
 
     def solve_carefully(self, parameters: FloatArray, progress: Progress) -> FloatArray | None:
         """Newton with pivoting and damping for the next step, used when the fast one has failed.
 
-        Returns the unknowns, or None.
+        Solves "the update is zero" with its exact Jacobian. Returns the unknowns, or None.
         """
-        u = self.guess(parameters, progress.state)
+        u, carried = (np.array(v).ravel() for v in self._first_memory(parameters, progress.state))
+
+        def system(values: FloatArray) -> list[FloatArray]:
+            outputs = self._update_and_slope(parameters, progress.state, values, carried, 0.0)
+            return [np.asarray(v) for v in outputs]
+
         with np.errstate(all="ignore"):
             for _ in range(100):
-                residual, jacobian, _ = (
-                    np.asarray(v) for v in self._newton_system(parameters, progress.state, u)
-                )
+                residual, jacobian = system(u)
                 if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(jacobian))):
                     return None
                 try:
-                    update = np.linalg.solve(jacobian, residual.ravel())
+                    change = np.linalg.solve(jacobian, residual).ravel()
                 except np.linalg.LinAlgError:
                     return None
-                u = u - self._damping(parameters, progress, u, update, residual) * update
-                if np.max(np.abs(update)) <= 1e-12 * (np.max(np.abs(u)) + 1e-300):
+                u = u - _damping(system, u, change, residual) * change
+                if np.max(np.abs(change), initial=0.0) <= 1e-12 * np.max(np.abs(u), initial=1e-300):
                     return u
         return None
 
-    def _damping(
-        self,
-        parameters: FloatArray,
-        progress: Progress,
-        u: FloatArray,
-        update: FloatArray,
-        residual: FloatArray,
-    ) -> float:
-        before = float(np.linalg.norm(residual))
-        for factor in (1.0, 0.5, 0.25, 0.125, 0.0625):
-            trial = self._newton_system(parameters, progress.state, u - factor * update)[0]
-            if float(np.linalg.norm(np.asarray(trial))) < before:
-                return factor
-        return 0.03125
+
+def _damping(system: Any, u: FloatArray, change: FloatArray, residual: FloatArray) -> float:
+    """Largest of 1, 1/2, ... 1/16 that makes the residual smaller."""
+    before = float(np.linalg.norm(residual))
+    for factor in (1.0, 0.5, 0.25, 0.125, 0.0625):
+        if float(np.linalg.norm(system(u - factor * change)[0])) < before:
+            return factor
+    return 0.03125
 
 
 @dataclass(frozen=True)
@@ -184,34 +178,39 @@ class InterpretedStep(StepRunner):
     ) -> tuple[Outcome, Progress, FloatArray]:
         n = self.program.unknowns.numel()
         memory = progress.memory
-        u = 3.0 * (memory[:n] - memory[n : 2 * n]) + memory[2 * n : 3 * n]
-        u, iterations, converged = self._newton(parameters, progress.state, u)
-        outputs = [np.asarray(v).ravel() for v in self._step(parameters, progress.state, u)]
-        _, _, following, arrows, guards = outputs
-        if not converged:
+        guess = 3.0 * (memory[:n] - memory[n : 2 * n]) + memory[2 * n : 3 * n]
+        last, u, carried, iterations = self._iterate(
+            parameters, progress.state, guess, memory[3 * n : -1]
+        )
+        _, _, _, following, arrows, guards = last
+        if iterations == 0 and n:
             return Outcome.NEWTON_FAILED, progress, arrows
         for value, guard in zip(guards, self.program.guards, strict=True):
             if not value < 1.0:
                 return Outcome(guard.code), progress, arrows
         if not np.all(np.isfinite(following)):
             return Outcome.NOT_FINITE, progress, arrows
-        memory = np.concatenate([u, memory[: 2 * n], memory[-1:] + iterations])
+        memory = np.concatenate([u, memory[: 2 * n], carried, memory[-1:] + iterations])
         return Outcome.SUCCESS, Progress(following, memory, progress.step + 1), arrows
 
-    def _newton(
-        self, parameters: FloatArray, state: FloatArray, u: FloatArray
-    ) -> tuple[FloatArray, int, bool]:
-        if u.size == 0:
-            return u, 0, True
+    def _iterate(
+        self, parameters: FloatArray, state: FloatArray, u: FloatArray, carried: FloatArray
+    ) -> tuple[list[FloatArray], FloatArray, FloatArray, int]:
+        """Outputs of the last iteration, unknowns, carried values, iterations (0: failed)."""
         last = rule.BEFORE_FIRST
-        for iteration in range(1, rule.MAX_ITERATIONS + 1):
-            update, measure = (np.asarray(v).ravel() for v in self._step(parameters, state, u)[:2])
-            now = float(measure[0] / (measure[1] + rule.TINY))
-            u = u - update
-            if rule.finished(now, last):
-                return u, iteration, True
+        for iteration in range(rule.MAX_ITERATIONS):
+            later = float(iteration > 0)
+            outputs = [
+                np.array(v).ravel() for v in self._step(parameters, state, u, carried, later)
+            ]
+            if u.size == 0:
+                return outputs, u, carried, 0
+            now = float(outputs[2][0] / (outputs[2][1] + rule.TINY))
+            u, carried = u - outputs[0], outputs[1]
+            if rule.finished(now, last, self.program.quadratic):
+                return outputs, u, carried, iteration + 1
             last = now
-        return u, rule.MAX_ITERATIONS, False
+        return outputs, u, carried, 0
 
 
 def compile_field(function: ca.Function) -> Any:

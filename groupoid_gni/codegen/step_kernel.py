@@ -18,21 +18,28 @@ from groupoid_gni.codegen.tape import Tape
 from groupoid_gni.discretization.step_program import StepProgram
 from groupoid_gni.outcomes import Outcome
 
-_UPDATE, _MEASURE, _NEXT, _ARROWS, _GUARDS = range(5)
-_CONSTANT, _PARAMETER, _STATE, _UNKNOWN = range(4)
+_UPDATE, _CARRIED, _MEASURE, _NEXT, _ARROWS, _GUARDS = range(6)
+_CONSTANT, _PARAMETER, _STATE = range(3)
+_ITERATED = (3, 4, 5)
 
 
 def step_function(program: StepProgram) -> ca.Function:
-    """(parameters, state, unknowns) -> (update, (work, scale), next state, arrows, guards)."""
-    work = ca.sum1(ca.fabs(program.residual * program.update))
+    """The program as one function, outputs dense.
+
+    (parameters, state, unknowns, carried, later) ->
+    (update, next carried, (work, energy), next state, arrow velocities, guards).
+    """
     outputs = [
         program.update,
-        ca.vertcat(work, program.scale),
+        program.next_carried,
+        ca.vertcat(program.work, program.energy),
         program.next_state,
         program.arrow_velocities,
         ca.vertcat(*[guard.value for guard in program.guards]),
     ]
-    inputs = [program.parameters, program.state, program.unknowns]
+    inputs = [
+        program.parameters, program.state, program.unknowns, program.carried, program.later
+    ]
     return ca.Function("step", inputs, ca.cse([ca.densify(o) for o in outputs]))
 
 
@@ -49,7 +56,7 @@ def field_ir(function: ca.Function, lanes: int, fused: bool) -> str:
     for number, pointer in enumerate(("%first", "%second")):
         size = function.numel_in(number)
         values.bind_input(number, [_load(e, pointer, i) for i in range(size)])
-    values.emit(tape.needed([0]), range(4))
+    values.emit(tape.needed([0]), range(6))
     for i, name in enumerate(values.output(0)):
         _store(e, name, "%output", str(i))
     e.line("ret void")
@@ -90,6 +97,7 @@ class _StepKernel:
         self.tape = Tape.of(step_function(program)).fused()
         self.state_size = program.layout.size
         self.unknown_size = program.unknowns.numel()
+        self.memory_size = program.memory_size
         self.values = Values(self.tape, self.e)
         self.phis: dict[str, list[str]] = {}
 
@@ -120,11 +128,10 @@ class _StepKernel:
         e = self.e
         sizes = self.program.parameters.numel()
         self.values.bind_input(0, [_load(e, "%parameters", i) for i in range(sizes)])
-        everything = self.tape.needed(range(5))
+        everything = self.tape.needed(range(6))
         self.values.emit(everything, [_CONSTANT, _PARAMETER])
         self.start_state = [_load(e, "%state", i) for i in range(self.state_size)]
-        n = self.unknown_size
-        self.start_memory = [_load(e, "%memory", i) for i in range(3 * n + 1)]
+        self.start_memory = [_load(e, "%memory", i) for i in range(self.memory_size)]
         if e.lanes > 1:
             self.start_alive = self._alive_from_status()
         done_before = e.assign("srem i64 %first, %every")
@@ -139,35 +146,41 @@ class _StepKernel:
 
     def _head(self) -> None:
         e = self.e
-        n = self.unknown_size
         e.label("head")
         self._place_phis("head")
         self.state = [f"%s{i}" for i in range(self.state_size)]
-        self.memory = [f"%m{i}" for i in range(3 * n + 1)]
+        self.memory = [f"%m{i}" for i in range(self.memory_size)]
         e.line("%more = icmp slt i64 %k, %count")
         e.line("br i1 %more, label %step, label %leave")
         e.label("step")
         self.values.bind_input(1, self.state)
 
-    def _no_newton(self) -> tuple[Values, list[str], str, str | None]:
-        return self.values, [], self.memory[-1], None
+    def _no_newton(self) -> tuple[Values, list[str], str | None]:
+        return self.values, self.memory, None
 
-    def _newton(self) -> tuple[Values, list[str], str, str | None]:
-        """Emit guess and iteration; return values, unknowns, Newton count, converged flag."""
+    def _newton(self) -> tuple[Values, list[str], str | None]:
+        """Emit guess and iteration; return the last values, the new memory, the converged flag.
+
+        The values of the last iteration are used after the loop as they are: the next state is an
+        expression of the updated unknowns.
+        """
         e, n = self.e, self.unknown_size
-        needed = self.tape.needed([_UPDATE, _MEASURE])
+        needed = self.tape.needed([_UPDATE, _CARRIED, _MEASURE])
         self.values.emit(needed, [_STATE])
-        guesses = [self._extrapolate(i) for i in range(n)]
+        starts = [*[self._extrapolate(i) for i in range(n)], *self.memory[3 * n : -1]]
         e.line("br label %newton")
         e.label("newton")
         self._place_phis("newton")
-        unknowns = [f"%u{i}" for i in range(n)]
+        names = [f"%u{i}" for i in range(len(starts))]
+        later = e.constant(0.0) if not self._uses_later() else self._later()
         inner = Values(self.tape, e, self.values)
-        inner.bind_input(2, unknowns)
-        inner.emit(needed, [_UNKNOWN])
-        new, error, total, busy = self._iterate(inner, unknowns)
-        for name, guess, following in zip(unknowns, guesses, new, strict=True):
-            self._phi("newton", name, e.type, (guess, "step"), (following, "newton"))
+        inner.bind_input(2, names[:n])
+        inner.bind_input(3, names[n:])
+        inner.bind_input(4, [later])
+        inner.emit(needed, _ITERATED)
+        new, error, total, busy = self._iterate(inner, names)
+        for name, start, following in zip(names, starts, new, strict=True):
+            self._phi("newton", name, e.type, (start, "step"), (following, "newton"))
         first = e.constant(rule.BEFORE_FIRST)
         self._phi("newton", "%j", "i64", ("0", "step"), ("%j1", "newton"))
         self._phi("newton", "%t", e.type, (first, "step"), (error, "newton"))
@@ -175,10 +188,18 @@ class _StepKernel:
         if e.lanes > 1:
             self._phi("newton", "%busy", e.flag_type, ("%alive", "step"), (busy, "newton"))
         e.label("settled")
-        after = Values(self.tape, e, self.values)
-        after.bind_input(2, new)
         converged = busy if e.lanes == 1 else self._not(busy)
-        return after, new, total, converged
+        return inner, [*new[:n], *self.memory[: 2 * n], *new[n:], total], converged
+
+    def _uses_later(self) -> bool:
+        return self.program.carried.numel() > 0
+
+    def _later(self) -> str:
+        """1.0 in every lane from the second iteration on."""
+        e = self.e
+        flag = e.assign("icmp sgt i64 %j, 0")
+        one, zero = e.constant(1.0), e.constant(0.0)
+        return e.assign(f"select i1 {flag}, {e.type} {one}, {e.type} {zero}")
 
     def _not(self, flag: str) -> str:
         e = self.e
@@ -198,12 +219,15 @@ class _StepKernel:
         The flag is "converged" for one lane, "still busy" per lane for several.
         """
         e = self.e
-        work, scale = inner.output(_MEASURE)
-        error = e.binary("fdiv", work, e.binary("fadd", scale, e.constant(rule.TINY)))
+        work, energy = inner.output(_MEASURE)
+        error = e.binary("fdiv", work, e.binary("fadd", energy, e.constant(rule.TINY)))
         flag = self._finished(error)
+        n = self.unknown_size
         new = [
-            e.binary("fsub", u, d) for u, d in zip(unknowns, inner.output(_UPDATE), strict=True)
+            e.binary("fsub", u, d)
+            for u, d in zip(unknowns[:n], inner.output(_UPDATE), strict=True)
         ]
+        new += inner.output(_CARRIED)
         one = e.constant(1.0)
         if e.lanes == 1:
             total = e.binary("fadd", "%total", one)
@@ -225,24 +249,22 @@ class _StepKernel:
         """``newton_rule.finished`` as flags."""
         e = self.e
         at_floor = e.compare("ole", error, e.constant(rule.AT_ROUND_OFF))
-        cube = e.binary("fmul", e.binary("fmul", error, error), error)
-        last = e.binary("fmul", e.binary("fmul", "%t", "%t"), e.constant(rule.PREDICTED))
-        predicted = e.compare("ole", cube, last)
+        power, last = e.binary("fmul", error, error), "%t"
+        if self.program.quadratic:
+            power, last = e.binary("fmul", power, error), e.binary("fmul", "%t", "%t")
+        bound = e.binary("fmul", last, e.constant(rule.PREDICTED))
+        predicted = e.compare("ole", power, bound)
         slow = e.compare("oge", error, e.binary("fmul", "%t", e.constant(rule.STAGNATION)))
         low = e.compare("ole", error, e.constant(rule.STAGNATION_LEVEL))
         stagnated = e.assign(f"and {e.flag_type} {slow}, {low}")
         either = e.assign(f"or {e.flag_type} {at_floor}, {predicted}")
         return e.assign(f"or {e.flag_type} {either}, {stagnated}")
 
-    def _advance(
-        self, values: Values, unknowns: list[str], total: str, converged: str | None
-    ) -> None:
+    def _advance(self, values: Values, memory: list[str], converged: str | None) -> None:
         e = self.e
-        values.emit(self.tape.needed([_NEXT, _ARROWS, _GUARDS]), range(4))
+        values.emit(self.tape.needed([_NEXT, _ARROWS, _GUARDS]), [_STATE, *_ITERATED])
         new = values.output(_NEXT)
         good, code = self._checks(values, new, converged)
-        n = self.unknown_size
-        memory = [*unknowns, *self.memory[: 2 * n], total]
         if e.lanes == 1:
             e.line(f"br i1 {good}, label %next, label %failed")
             e.label("failed")

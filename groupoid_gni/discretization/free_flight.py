@@ -25,21 +25,22 @@ from groupoid_gni.systems import MechanicalSystem
 class Flight:
     """The expressions of one flight from (x0, p0) over the time h.
 
-    velocity : xi; components that need no solver are already explicit expressions.
-    unknowns : the remaining components, as symbols; empty for an explicit flight.
-    implicit : their indices.
-    residual : the rows of ``FL-(g) - p0`` that belong to the unknowns.
-    target, momentum : x1 and ``FL+(g)``.
-    arrow : ``h xi``.  energy : sum of |xi * dl/dxi|, the scale of the residual.
+    unknowns : the velocity components that need a solver, as symbols; may be empty.
+    implicit : their indices.  update : their Newton update (current minus better value).
+    work : sum of |residual * update|, the squared error of the current values as an energy.
+    velocity : xi, explicit components solved for and implicit ones after the Newton update.
+    arrow : ``h xi``.  target, momentum : x1 and ``FL+(g)`` at that velocity.
+    energy : sum of |xi * dl/dxi|, the scale of ``work``.
     """
 
-    velocity: ca.SX
     unknowns: ca.SX
     implicit: tuple[int, ...]
-    residual: ca.SX
+    update: ca.SX
+    work: ca.SX
+    velocity: ca.SX
+    arrow: ca.SX
     target: ca.SX
     momentum: ca.SX
-    arrow: ca.SX
     energy: ca.SX
 
 
@@ -66,43 +67,41 @@ class FreeFlight:
         return h * ca.mtimes(e.anchor(x1).T, by_target) + moved if e.base_size else moved
 
     def from_momentum(self, x0: ca.SX, p0: ca.SX, h: ca.SX, theta: ca.SX, name: str) -> Flight:
-        """The flight with ``FL-(g) = p0``.
+        """The flight with ``FL-(g) = p0``, one Newton update included.
 
         Groups of components whose equations are affine with a Jacobian free of xi are solved here,
-        once and for all; the others become symbols called ``name``, left to Newton's method.
+        once and for all; the others become symbols called ``name``.
         """
         e = self._expressions
         xi = ca.SX.sym(name, e.rank)
         residual = self.legendre_minus(x0, xi, h, theta) - p0
-        velocity, implicit = _solve_affine_groups(xi, residual)
+        jacobian = ca.jacobian(residual, xi)
+        velocity = ca.SX(xi)
+        implicit: list[int] = []
+        for group in _coupled_groups(jacobian):
+            block = jacobian[group, group]
+            if ca.depends_on(block, xi):
+                implicit.extend(group)
+                continue
+            at_rest = ca.substitute(residual[group], xi[group], ca.SX.zeros(len(group), 1))
+            velocity[group] = -solve_linear(block, at_rest)
+        implicit.sort()
+        update = solve_linear(jacobian[implicit, implicit], residual[implicit])
+        velocity[implicit] = xi[implicit] - update
         arrow = h * velocity
         target = e.target(x0, arrow)
         by_velocity = self._gradients(x0, target, velocity, h, theta)[2]
         return Flight(
-            velocity=velocity,
             unknowns=xi[implicit],
             implicit=tuple(implicit),
-            residual=residual[implicit],
+            update=update,
+            work=ca.sum1(ca.fabs(residual[implicit] * update)),
+            velocity=velocity,
+            arrow=arrow,
             target=target,
             momentum=self.legendre_plus(x0, velocity, h, theta),
-            arrow=arrow,
             energy=ca.sum1(ca.fabs(velocity * by_velocity)),
         )
-
-
-def _solve_affine_groups(xi: ca.SX, residual: ca.SX) -> tuple[ca.SX, list[int]]:
-    """Solve what is affine; return the velocity and the indices of what stays implicit."""
-    jacobian = ca.jacobian(residual, xi)
-    velocity = ca.SX(xi)
-    implicit: list[int] = []
-    for group in _coupled_groups(jacobian):
-        block = jacobian[group, group]
-        if ca.depends_on(block, xi):
-            implicit.extend(group)
-            continue
-        at_rest = ca.substitute(residual[group], xi[group], ca.SX.zeros(len(group), 1))
-        velocity[group] = -solve_linear(block, at_rest)
-    return velocity, sorted(implicit)
 
 
 def _coupled_groups(jacobian: ca.SX) -> list[list[int]]:

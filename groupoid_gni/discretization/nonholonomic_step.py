@@ -86,7 +86,7 @@ def two_step_program(
             "before": e.rank,
             "after": e.rank,
             "normals": 2 * m,
-            "parasitic": 3 if m else 0,
+            "parasitic": 4 if m else 0,
             "reconstructed": e.space.arrow_size if reconstruct else 0,
         }
     )
@@ -109,16 +109,34 @@ def two_step_program(
         *inputs.conditioning(node),
     ]
     guess = e.velocity(x0, p0, inputs.theta)
-    return _assemble(e, inputs, state, layout, [flight], [guess], None, next_state, guards)
+    return StepProgram(
+        parameters=inputs.all,
+        state=state,
+        unknowns=flight.unknowns,
+        carried=ca.SX(0, 1),
+        later=ca.SX.sym("later"),
+        update=flight.update,
+        next_carried=ca.SX(0, 1),
+        work=flight.work,
+        energy=flight.energy,
+        quadratic=True,
+        next_state=next_state,
+        arrow_velocities=flight.velocity,
+        first_guess=guess[list(flight.implicit)],
+        first_carried=ca.SX(0, 1),
+        layout=layout,
+        guards=tuple(guards),
+    )
 
 
 def _parasitic_monitor(
     node: Node, flight: Flight, state: ca.SX, layout: StateLayout, m: int
 ) -> ca.SX:
-    """Next values of the normals, and (amplitude, largest amplitude, largest jump), relative to p.
+    """Next values of the normals, then amplitude, largest amplitude, largest jump, nodes seen.
 
     The normal component z_k of p+ is h/2 times a smooth force plus ``(-1)^k u``; its second
-    difference over four is u up to O(h^3). All three are measured against ``|p|`` in G^-1.
+    difference over four is u up to O(h^3). Sizes are relative to ``|p|`` in G^-1; the first
+    difference needs three nodes.
     """
     if m == 0:
         return ca.SX(0, 1)
@@ -126,11 +144,11 @@ def _parasitic_monitor(
     last, before_last = normals[:m], normals[m:]
     now = node.normal_component(flight.momentum)
     size = ca.sqrt(ca.fmax(flight.energy, 1e-300))
-    amplitude = ca.norm_2(now - 2 * last + before_last) / (4 * size)
-    smooth = ca.norm_2(now + 2 * last + before_last) / (2 * size)
-    return ca.vertcat(
-        now, last, amplitude, ca.fmax(record[1], amplitude), ca.fmax(record[2], smooth)
-    )
+    enough = record[3] >= 1.5
+    amplitude = ca.if_else(enough, ca.norm_2(now - 2 * last + before_last) / (4 * size), 0)
+    jump = ca.if_else(enough, ca.norm_2(now + 2 * last + before_last) / (2 * size), 0)
+    largest, largest_jump = ca.fmax(record[1], amplitude), ca.fmax(record[2], jump)
+    return ca.vertcat(now, last, amplitude, largest, largest_jump, record[3] + 1)
 
 
 def _reconstruction(
@@ -174,8 +192,8 @@ def projected_program(
     )
     x1 = e.restore_base(homeward.target)
     end = e.node(x1, inputs.theta)
-    closing = end.normal_component(homeward.momentum)
-    closing = closing - ca.mtimes(_matching_isometry(start, end, m), nu)
+    returned = end.normal_component(homeward.momentum)
+    closing = ca.mtimes(_matching_isometry(start, end, m).T, returned) - nu
     next_state = ca.vertcat(x1, end.project(homeward.momentum))
     if reconstruct:
         arrow = _product_of_flights(e, x0, outward, homeward)
@@ -187,10 +205,61 @@ def projected_program(
         *inputs.conditioning(end),
     ]
     guess = e.velocity(x0, p0, inputs.theta)
-    return _assemble(
-        e, inputs, state, layout, [outward, homeward], [guess, guess], (nu, closing), next_state,
-        guards,
+    energy = outward.energy + homeward.energy
+    search = _Broyden(m, closing, energy)
+    return StepProgram(
+        parameters=inputs.all,
+        state=state,
+        unknowns=ca.vertcat(outward.unknowns, homeward.unknowns, nu),
+        carried=search.carried,
+        later=search.later,
+        update=ca.vertcat(outward.update, homeward.update, search.update),
+        next_carried=search.next_carried,
+        work=outward.work + homeward.work + search.work,
+        energy=energy,
+        quadratic=False,
+        next_state=next_state,
+        arrow_velocities=ca.vertcat(outward.velocity, homeward.velocity),
+        first_guess=ca.vertcat(
+            guess[list(outward.implicit)], guess[list(homeward.implicit)], ca.SX.zeros(m, 1)
+        ),
+        first_carried=search.first_carried,
+        layout=layout,
+        guards=tuple(guards),
     )
+
+
+class _Broyden:
+    """Broyden's iteration for ``closing(nu) = 0``, kept over the steps.
+
+    The Jacobian is -2 up to O(h) and changes by O(h^2) from step to step, so its inverse is carried
+    along. ``carried`` is (inverse, last nu step, last closing).
+    """
+
+    def __init__(self, m: int, closing: ca.SX, energy: ca.SX) -> None:
+        self.later = ca.SX.sym("later")
+        inverse = ca.SX.sym("inverse", m, m)
+        moved, before = ca.SX.sym("moved", m), ca.SX.sym("before", m)
+        self.carried = ca.vertcat(ca.vec(inverse), moved, before)
+        self.first_carried = ca.vertcat(ca.vec(-ca.SX.eye(m) / 2), ca.SX.zeros(2 * m, 1))
+        if m == 0:
+            self.update, self.next_carried, self.work = ca.SX(0, 1), ca.SX(0, 1), ca.SX(0)
+            return
+        better = self._updated(inverse, moved, closing - before, energy)
+        self.update = ca.mtimes(better, closing)
+        self.next_carried = ca.vertcat(ca.vec(better), -self.update, closing)
+        self.work = ca.sum1(ca.fabs(closing * self.update))
+
+    def _updated(self, inverse: ca.SX, moved: ca.SX, change: ca.SX, energy: ca.SX) -> ca.SX:
+        """Broyden's formula for the inverse; left alone where the last step was round-off."""
+        expected = ca.mtimes(inverse, change)
+        denominator = ca.dot(moved, expected)
+        tells = ca.logic_and(self.later, ca.dot(moved, moved) > 1e-20 * energy)
+        tells = ca.logic_and(tells, denominator > 0)
+        safe = ca.if_else(tells, denominator, 1)
+        row = ca.mtimes(moved.T, inverse)
+        correction = ca.mtimes(moved - expected, row) / safe
+        return inverse + ca.if_else(tells, correction, ca.SX.zeros(*inverse.shape))
 
 
 def _product_of_flights(
@@ -237,48 +306,3 @@ def _polar_of_two(a: ca.SX) -> ca.SX:
     length = ca.sqrt(first * first + second * second)
     first, second = first / length, second / length
     return ca.vertcat(ca.horzcat(first, -sign * second), ca.horzcat(second, sign * first))
-
-
-def _assemble(
-    e: SystemExpressions,
-    inputs: _Inputs,
-    state: ca.SX,
-    layout: StateLayout,
-    flights: list[Flight],
-    guesses: list[ca.SX],
-    closing: tuple[ca.SX, ca.SX] | None,
-    next_state: ca.SX,
-    guards: list[Guard],
-) -> StepProgram:
-    """Collect unknowns and residuals of all flights, eliminate, and close the program."""
-    unknowns = [flight.unknowns for flight in flights]
-    residuals = [flight.residual for flight in flights]
-    first_guess = []
-    for flight, guess in zip(flights, guesses, strict=True):
-        first_guess.append(guess[list(flight.implicit)])
-    groups = [u.numel() for u in unknowns]
-    if closing is not None and closing[0].numel():
-        unknowns.append(closing[0])
-        residuals.append(closing[1])
-        first_guess.append(ca.SX.zeros(closing[0].numel(), 1))
-        groups.append(closing[0].numel())
-    u, residual = ca.vertcat(*unknowns), ca.vertcat(*residuals)
-    update = ca.SX(0, 1)
-    if u.numel():
-        update = solve_linear(ca.jacobian(residual, u), residual, groups)
-    energy = ca.SX(0)
-    for flight in flights:
-        energy = energy + flight.energy
-    return StepProgram(
-        parameters=inputs.all,
-        state=state,
-        unknowns=ca.densify(u),
-        residual=ca.densify(residual),
-        update=ca.densify(update),
-        scale=energy,
-        first_guess=ca.densify(ca.vertcat(*first_guess)),
-        next_state=ca.densify(next_state),
-        arrow_velocities=ca.densify(ca.vertcat(*[flight.velocity for flight in flights])),
-        layout=layout,
-        guards=tuple(guards),
-    )

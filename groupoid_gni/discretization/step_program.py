@@ -43,30 +43,45 @@ class Guard:
 
 @dataclass(frozen=True)
 class StepProgram:
-    """The expressions of one step.
+    """The expressions of one step, as a fixed-point iteration and what follows from it.
 
-    parameters : SX, physical parameters, then the step size, then the constraint scales.
-    state : SX, see ``layout``.  unknowns : SX, solved for by Newton's method (may be empty).
-    residual : SX, zero at the solution, in units conjugate to the unknowns (momentum against
-        velocity), so that residual * update is an energy.
-    update : SX, the Newton update ``jacobian^{-1} residual``, to be subtracted.
-    scale : SX, energy against which residual * update is measured.
-    first_guess : SX, unknowns for the first step, from parameters and state only.
-    next_state : SX.  arrow_velocities : SX, the xi of every flight of the step, for the arrows.
+    All are functions of (parameters, state, unknowns, carried, later).
+
+    parameters : physical parameters, then the step size, then the constraint scales.
+    state : see ``layout``.
+    unknowns : iterated within a step; their first values are extrapolated from earlier steps.
+    carried : iterated too, but continued from the last step as they are.
+    later : scalar symbol, 0 in the first iteration of a step and 1 in the others.
+    update : to be subtracted from the unknowns.  next_carried : new carried values.
+    work, energy : ``work / energy`` is the squared relative error of the current unknowns.
+    quadratic : whether the iteration converges quadratically, or only superlinearly.
+    next_state : state after the step, from the updated unknowns.
+    arrow_velocities : the xi of every flight of the step.
     guards : checked after every step.
+    first_guess, first_carried : for the first step, from parameters and state only.
     """
 
     parameters: ca.SX
     state: ca.SX
     unknowns: ca.SX
-    residual: ca.SX
+    carried: ca.SX
+    later: ca.SX
     update: ca.SX
-    scale: ca.SX
-    first_guess: ca.SX
+    next_carried: ca.SX
+    work: ca.SX
+    energy: ca.SX
+    quadratic: bool
     next_state: ca.SX
     arrow_velocities: ca.SX
+    first_guess: ca.SX
+    first_carried: ca.SX
     layout: StateLayout
     guards: tuple[Guard, ...] = field(default=())
+
+    @property
+    def memory_size(self) -> int:
+        """Unknowns of the last three steps, carried values, Newton count."""
+        return 3 * self.unknowns.numel() + self.carried.numel() + 1
 
     @property
     def row_size(self) -> int:

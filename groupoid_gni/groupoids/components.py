@@ -116,7 +116,8 @@ def _embedded(placed: Sequence[tuple[tuple[slice, ...], Array]], shape: tuple[in
     recorded = is_recorded(*(block for _, block in placed))
     out = np.zeros((*batch, *shape), dtype=object if recorded else np.float64)
     for where_to, block in placed:
-        out[(Ellipsis, *where_to)] = block
+        index: Any = (..., *where_to)
+        out[index] = block
     return out.view(RecordedArray) if recorded else out
 
 

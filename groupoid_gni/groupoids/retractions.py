@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from groupoid_gni.groupoids.lie_group import LieGroup
 
 CAYLEY_REACH = 2.0 * sqrt(4.0 / 3.0) * sinh(asinh(0.75 * pi * sqrt(3.0)) / 3.0)
-"""The root 1.7155... of w (1 + w^2/4) = pi, by the hyperbolic form of Cardano's formula: the
+"""The root 1.7656... of w (1 + w^2/4) = pi, by the hyperbolic form of Cardano's formula: the
 Cayley vector beyond which a free isotropic body would turn by more than half a turn in a step."""
 
 

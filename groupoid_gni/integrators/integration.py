@@ -260,18 +260,18 @@ def _node_numbers(
     import casadi as ca
 
     if not expressions.constraint_count:
-        return {"scales": np.zeros(0), "impulse": np.zeros(expressions.rank)}
+        empty = np.zeros(0)
+        return {"scales": empty, "impulse": np.zeros(expressions.rank), "normal": empty}
     x, p = ca.SX.sym("x", expressions.base_size), ca.SX.sym("p", expressions.rank)
     parameters = ca.SX.sym("theta", expressions.parameter_size)
-    gram = expressions.node(x, parameters).gram
-    force = ca.mtimes(
-        expressions.constraints(x, parameters).T, expressions.multipliers(x, p, parameters)
+    node = expressions.node(x, parameters)
+    force = ca.mtimes(node.mu.T, expressions.multipliers(x, p, parameters))
+    normal = node.normal_component(p - force) - node.normal_component(p)
+    outputs = [ca.diag(node.gram), force, normal]
+    values = ca.Function("start", [x, p, parameters], outputs)(start.base, start.momentum, theta)
+    return dict(
+        zip(("scales", "impulse", "normal"), (np.array(v).ravel() for v in values), strict=True)
     )
-    function = ca.Function("start", [x, p, parameters], [ca.diag(gram), force])
-    scales, impulse = (
-        np.array(v).ravel() for v in function(start.base, start.momentum, theta)
-    )
-    return {"scales": scales, "impulse": impulse}
 
 
 def _initial_state(
@@ -288,6 +288,10 @@ def _initial_state(
     half = np.zeros_like(start.momentum)
     if layout.slices["before"] != layout.slices["after"]:
         half = 0.5 * h * node["impulse"]
+        m = len(node["normal"])
+        if m:
+            state[layout.slices["normals"]][:m] = 0.5 * h * node["normal"]
+            state[layout.slices["parasitic"]][3] = 1.0
     state[layout.slices["before"]] = start.momentum - half
     state[layout.slices["after"]] = start.momentum + half
     if pose is not None:
@@ -345,14 +349,15 @@ def _append_chunk(request: _Request, chunks: Chunks, begin: Progress, size: int)
 def _rescue(request: _Request, chunks: Chunks) -> bool:
     """Try the failed step again from a fresh guess, then with a damped and pivoted Newton."""
     runner, here = request.runner, chunks[-1][0]
-    fresh = runner.with_guess(here, runner.guess(request.parameters, here.state))
+    fresh = runner.with_unknowns(request.parameters, here, None)
     if _append_chunk(request, chunks, fresh, 1) is Outcome.SUCCESS:
         return True
     chunks.pop()
     solved = runner.solve_carefully(request.parameters, here)
     if solved is None:
         return False
-    if _append_chunk(request, chunks, runner.with_guess(here, solved), 1) is Outcome.SUCCESS:
+    prepared = runner.with_unknowns(request.parameters, here, solved)
+    if _append_chunk(request, chunks, prepared, 1) is Outcome.SUCCESS:
         return True
     chunks.pop()
     return False
