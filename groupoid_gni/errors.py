@@ -25,7 +25,7 @@ class RecordingError(GNIError, TypeError):
     """A user's function did something that cannot be recorded symbolically."""
 
 
-class StepFailure(GNIError, RuntimeError):
+class StepFailure(GNIError, RuntimeError):  # noqa: N818 (a failure, not a programming error)
     """The integration stopped before its end.
 
     Attributes

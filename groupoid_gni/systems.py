@@ -11,6 +11,8 @@ import inspect
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from reprlib import repr as short
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -18,11 +20,15 @@ import numpy as np
 from groupoid_gni.array_types import Array, ArrayLike, FloatArray
 from groupoid_gni.errors import DependentConstraintsWarning, InputError
 from groupoid_gni.expressions import RecordedFunction, record, verify
+from groupoid_gni.expressions.explanation import location
 from groupoid_gni.groupoids import LieGroupoid
 
 BaseFunction = Callable[[Any, Any], Any]
 
 _RANK_TOLERANCE = 1e-10
+# the step gives up when a row is within 3e-7 of the span of the others
+_NEARLY_DEPENDENT = 1e-5
+_EPSILON = float(np.finfo(float).eps)
 _CONSTRAINT_TOLERANCE = 1e-9
 _GROUP_TOLERANCE = 1e-9
 
@@ -70,9 +76,9 @@ class ParameterLayout:
         return Parameters(values)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class State:
-    """A consistent start: base point, velocity in the frame of AG, momentum.
+    """A consistent start: base point, velocity in the frame of AG, momentum; read-only.
 
     active_rows : the constraint rows kept at this state (dependent ones are left out).
     """
@@ -81,6 +87,41 @@ class State:
     velocity: FloatArray
     momentum: FloatArray
     active_rows: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        for array in (self.base, self.velocity, self.momentum):
+            array.setflags(write=False)
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Which constraint rows are independent at a point, and what is wrong with the others."""
+
+    kept: tuple[int, ...]
+    zero: tuple[int, ...]
+    dependent: tuple[int, ...]
+    nearly: tuple[int, ...]
+
+    def warn(self, stacklevel: int) -> None:
+        """Warn of rows that are left out, and of rows that soon may be."""
+        parts = []
+        if self.dependent:
+            parts.append(f"row(s) {list(self.dependent)} depend on the rows {list(self.kept)}")
+        if self.zero:
+            parts.append(f"row(s) {list(self.zero)} are zero")
+        if parts:
+            text = (
+                f"constraint {' and '.join(parts)} at the start: left out of the step; the motion "
+                "is checked against them"
+            )
+            warnings.warn(text, DependentConstraintsWarning, stacklevel=stacklevel + 1)
+        if self.nearly:
+            text = (
+                f"constraint row(s) {list(self.nearly)} nearly depend on the rows before them at "
+                "the start: digits are lost, and the run fails where they become dependent. Leave "
+                "the redundant row out, or start away from that point"
+            )
+            warnings.warn(text, DependentConstraintsWarning, stacklevel=stacklevel + 1)
 
 
 class MechanicalSystem:
@@ -119,16 +160,13 @@ class MechanicalSystem:
         gyroscopic: BaseFunction | ArrayLike | None = None,
         parameters: Mapping[str, Any] | None = None,
     ) -> None:
-        if not isinstance(space, LieGroupoid):
-            raise InputError(
-                f"space must be a LieGroupoid, not {type(space).__name__}; a Lie group or "
-                "PairGroupoid(n) will do, or subclass gni.LieGroupoid"
-            )
+        _check_space(space)
         self.space = space
-        self.parameters = _checked_parameters(parameters or {})
+        self.parameters = _checked_parameters({} if parameters is None else parameters)
         self._layout = ParameterLayout(tuple((k, v.shape) for k, v in self.parameters.items()))
         self._plain: dict[str, BaseFunction] = {}
         r = space.rank
+        self._shapes = {"metric": (r, r), "potential": (), "drift": (r,), "gyroscopic": (r,)}
         self._register("metric", metric)
         self._register("constraints", constraints)
         self._register("potential", potential)
@@ -136,17 +174,20 @@ class MechanicalSystem:
         self._register("gyroscopic", gyroscopic)
         if drift is not None and constraints is None:
             raise InputError("drift needs constraints: it is the section Y in mu (xi - Y) = 0")
-        self._shapes = {
-            "metric": (r, r),
-            "potential": (),
-            "drift": (r,),
-            "gyroscopic": (r,),
-            "constraints": (self._count_rows(), r),
-        }
+        self._shapes["constraints"] = (self._count_rows(), r)
         self._recorded: dict[str, RecordedFunction] = {}
         self._compiled: dict[Any, Any] = {}
         for name in self._plain:
             self.recorded(name)
+        self._frozen = True
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if "_frozen" in self.__dict__:
+            raise AttributeError(
+                f"a MechanicalSystem is frozen, {name!r} cannot be set; use "
+                "system.with_parameters(...) or build a new one"
+            )
+        super().__setattr__(name, value)
 
     def _register(self, name: str, given: BaseFunction | ArrayLike | None) -> None:
         if given is None:
@@ -155,8 +196,8 @@ class MechanicalSystem:
             _check_signature(name, given)
             self._plain[name] = given
             return
-        constant = _constant_array(name, given)
-        self._plain[name] = lambda x, p, constant=constant: constant
+        constant = _constant_array(name, given, self._shapes.get(name))
+        self._plain[name] = _constant_function(constant)
 
     def _count_rows(self) -> int:
         if "constraints" not in self._plain:
@@ -168,8 +209,8 @@ class MechanicalSystem:
             shape = np.shape(value)
         except Exception as error:
             raise InputError(
-                f"constraints failed at the example base point {point}: "
-                f"{type(error).__name__}: {error}"
+                f"constraints ({location(self._plain['constraints'])}) failed at the example base "
+                f"point {point}: {type(error).__name__}: {error}"
             ) from error
         if len(shape) != 2 or shape[1] != self.space.rank:
             raise InputError(
@@ -203,9 +244,18 @@ class MechanicalSystem:
 
     def recorded(self, name: str) -> RecordedFunction:
         """The recording of one of the functions, taking (base point, flat parameters)."""
+        self._check_name(name)
         if name not in self._recorded:
+            if name not in self._plain:
+                raise InputError(
+                    f"this system has no {name}; it has: {', '.join(self._plain)}"
+                )
             self._recorded[name] = self._record(name)
         return self._recorded[name]
+
+    def _check_name(self, name: str) -> None:
+        if name not in self._shapes:
+            raise InputError(f"unknown term {name!r}; the terms are: {', '.join(self._shapes)}")
 
     def _record(self, name: str) -> RecordedFunction:
         inputs = {"x": (self.space.base_size,), "parameters": (self._layout.size,)}
@@ -227,17 +277,25 @@ class MechanicalSystem:
 
         active_rows : constraint rows to keep; all of them when left out.
         """
+        from groupoid_gni.discretization import DiscreteLagrangian
         from groupoid_gni.integrators import GNI, compiled_step
 
-        rows = tuple(range(self.constraint_count)) if active_rows is None else active_rows
-        return compiled_step(self, GNI() if method is None else method, rows).code
+        method = GNI() if method is None else method
+        if not isinstance(method, (DiscreteLagrangian, GNI)):
+            raise InputError(f"method must be gni.GNI() or a discrete Lagrangian, not {method!r}")
+        count = self.constraint_count
+        rows = tuple(range(count)) if active_rows is None else tuple(active_rows)
+        if not all(isinstance(row, int) and 0 <= row < count for row in rows):
+            raise InputError(f"active_rows must be numbers from 0 to {count - 1}, got {rows}")
+        return compiled_step(self, method, rows).code  # type: ignore[attr-defined]
 
     def with_parameters(self, **changes: Any) -> MechanicalSystem:
         """The same system with some parameters changed; recordings and machine code are shared."""
         unknown = sorted(set(changes) - set(self.parameters))
         if unknown:
             raise InputError(
-                f"unknown parameter {unknown[0]!r}; this system has: {', '.join(self.parameters)}"
+                f"unknown parameter {unknown[0]!r}; this system has: "
+                f"{', '.join(self.parameters) or 'none'}"
             )
         values = _checked_parameters({**self.parameters, **changes})
         for name, shape in self._layout.shapes:
@@ -246,7 +304,7 @@ class MechanicalSystem:
                     f"parameter {name!r} has shape {values[name].shape}, the system was built "
                     f"with {shape}; build a new MechanicalSystem to change a shape"
                 )
-        copy = object.__new__(MechanicalSystem)
+        copy = object.__new__(type(self))
         copy.__dict__.update(self.__dict__)
         copy.__dict__["parameters"] = values
         return copy
@@ -256,7 +314,12 @@ class MechanicalSystem:
 
         Terms that were left out are zero.
         """
-        point = np.asarray(base, dtype=float)
+        self._check_name(name)
+        point = _real_array("base", base)
+        if point.shape[-1:] != (self.space.base_size,):
+            raise InputError(
+                f"base points must have shape (..., {self.space.base_size}), got {point.shape}"
+            )
         if name not in self._plain:
             return np.zeros(point.shape[:-1] + self._shapes[name])
         return np.asarray(self.recorded(name)(point, self.parameter_vector))
@@ -277,17 +340,37 @@ class MechanicalSystem:
             refusing.
         Raises InputError naming the violation and the mend.
         """
-        x = self._checked_base(base, project_start)
+        start, rows = self._state(base, velocity, project_start)
+        rows.warn(stacklevel=2)
+        return start
+
+    def checked_again(self, start: State) -> State:
+        """A start made earlier, perhaps with other parameters, checked for this system; silent."""
+        base = start.base if self.space.base_size else None
+        return self._state(base, start.velocity, False)[0]
+
+    def _state(
+        self, base: ArrayLike | None, velocity: ArrayLike | None, project: bool
+    ) -> tuple[State, _Rows]:
+        x = self._checked_base(base, velocity, project)
         v = _finite_vector("velocity", velocity, self.space.rank)
         self._verify_recordings(x)
         metric = self._checked_metric(x)
+        self._check_finite_terms(x)
         rows = self._independent_rows(x, metric)
-        v = self._on_constraints(x, v, metric, rows, project_start)
+        v = self._on_constraints(x, v, metric, rows.kept, project)
         momentum = metric @ v + self.evaluate("gyroscopic", x)
-        return State(x, v, momentum, rows)
+        return State(x, v, momentum, rows.kept), rows
 
-    def _checked_base(self, base: ArrayLike | None, project: bool) -> FloatArray:
+    def _checked_base(
+        self, base: ArrayLike | None, velocity: ArrayLike | None, project: bool
+    ) -> FloatArray:
         size = self.space.base_size
+        if size == 0 and velocity is None and base is not None:
+            raise InputError(
+                f"velocity is missing: the base of {type(self.space).__name__} is a point, so "
+                "call state(velocity=...)"
+            )
         if base is None:
             if size:
                 raise InputError(
@@ -318,16 +401,32 @@ class MechanicalSystem:
         for size in (0.01, 0.05):
             xi = size * rng.uniform(-1.0, 1.0, self.space.rank)
             points.append(np.asarray(self.space.target(self.space.retract(x, xi)), dtype=float))
+        arguments = [(point, self.parameter_vector) for point in points]
+        with np.errstate(all="ignore"):
+            for name in self._plain:
+                verify(self.recorded(name), self._with_flat_parameters(name), arguments)
+
+    def _check_finite_terms(self, x: FloatArray) -> None:
+        """The terms of the Lagrangian and of the constraints must be finite at the start."""
         for name in self._plain:
-            verify(
-                self.recorded(name),
-                self._with_flat_parameters(name),
-                [(point, self.parameter_vector) for point in points],
+            value = self.evaluate(name, x)
+            if not np.all(np.isfinite(value)):
+                raise InputError(
+                    f"{name} ({location(self._plain[name])}) is not finite {_place(x)}: {value}; "
+                    "start inside its domain"
+                )
+        if "potential" not in self._plain:
+            return
+        slope = np.asarray(self.recorded("potential").derivative(0)(x, self.parameter_vector))
+        if not np.all(np.isfinite(slope)):
+            raise InputError(
+                f"potential ({location(self._plain['potential'])}) has no finite derivative "
+                f"{_place(x)}: {slope}; start elsewhere, or smooth it (a norm has none at zero)"
             )
 
     def _checked_metric(self, x: FloatArray) -> FloatArray:
         metric = self.evaluate("metric", x)
-        where = f"at the base point {x}" if x.size else "at the only base point"
+        where = _place(x)
         if not np.all(np.isfinite(metric)):
             raise InputError(f"metric is not finite {where}:\n{metric}")
         asymmetry = float(np.max(np.abs(metric - metric.T)))
@@ -340,7 +439,7 @@ class MechanicalSystem:
         scale = np.sqrt(np.abs(np.diag(metric)))
         scale[scale == 0.0] = 1.0
         smallest = float(np.min(np.linalg.eigvalsh(metric / np.outer(scale, scale))))
-        if smallest <= 0.0:
+        if smallest <= len(scale) * _EPSILON:
             raise InputError(
                 f"metric is not positive definite {where}: its smallest eigenvalue is "
                 f"{float(np.min(np.linalg.eigvalsh(metric))):.3g}; every direction needs inertia "
@@ -350,36 +449,34 @@ class MechanicalSystem:
 
     def independent_rows(self, base: FloatArray) -> tuple[int, ...]:
         """Constraint rows that are independent at a base point; warns about the others."""
-        return self._independent_rows(base, self._checked_metric(base))
+        rows = self._independent_rows(base, self._checked_metric(base))
+        rows.warn(stacklevel=3)
+        return rows.kept
 
-    def _independent_rows(self, x: FloatArray, metric: FloatArray) -> tuple[int, ...]:
+    def _independent_rows(self, x: FloatArray, metric: FloatArray) -> _Rows:
+        """Gram-Schmidt, twice, in the inverse metric."""
         mu = self.evaluate("constraints", x)
-        drift = self.evaluate("drift", x)
-        if not (np.all(np.isfinite(mu)) and np.all(np.isfinite(drift))):
-            raise InputError(f"constraints or drift are not finite at the base point {x}")
-        lower = np.linalg.cholesky(metric)
+        if not np.all(np.isfinite(mu)):
+            raise InputError(f"constraints are not finite {_place(x)}: {mu}")
         orthonormal: list[FloatArray] = []
-        kept: list[int] = []
-        dependent: list[int] = []
-        for a, row in enumerate(np.linalg.solve(lower, mu.T).T):
-            rest = row.copy()
-            for _ in range(2):
-                for q in orthonormal:
-                    rest = rest - q * (q @ rest)
+        kept, zero, dependent, nearly = [], [], [], []
+        for a, row in enumerate(np.linalg.solve(np.linalg.cholesky(metric), mu.T).T):
             size = float(np.linalg.norm(row))
-            if size == 0.0 or float(np.linalg.norm(rest)) <= _RANK_TOLERANCE * size:
+            if size == 0.0:
+                zero.append(a)
+                continue
+            rest = row / size
+            for q in orthonormal * 2:
+                rest = rest - q * (q @ rest)
+            left = float(np.linalg.norm(rest))
+            if left <= _RANK_TOLERANCE:
                 dependent.append(a)
                 continue
+            if left <= _NEARLY_DEPENDENT:
+                nearly.append(a)
             kept.append(a)
-            orthonormal.append(rest / np.linalg.norm(rest))
-        if dependent:
-            warnings.warn(
-                f"constraint row(s) {dependent} depend on the rows {kept} at the start and are "
-                "left out of the step; the motion is checked against them at the end",
-                DependentConstraintsWarning,
-                stacklevel=4,
-            )
-        return tuple(kept)
+            orthonormal.append(rest / left)
+        return _Rows(tuple(kept), tuple(zero), tuple(dependent), tuple(nearly))
 
     def _on_constraints(
         self,
@@ -393,35 +490,61 @@ class MechanicalSystem:
         drift = self.evaluate("drift", x)
         violation = mu @ (v - drift)
         size = np.abs(mu) @ (np.abs(v) + np.abs(drift)) + 1e-300
-        if rows and (project or np.max(np.abs(violation) / size) <= _CONSTRAINT_TOLERANCE):
-            kept = mu[list(rows)]
-            normal = np.linalg.solve(metric, kept.T)
-            return np.asarray(
-                v - normal @ np.linalg.solve(kept @ normal, violation[list(rows)])
-            )
-        if np.max(np.abs(violation) / size, initial=0.0) > _CONSTRAINT_TOLERANCE:
+        nearest = _nearest_velocity(v, metric, mu[list(rows)], violation[list(rows)])
+        if not project and np.max(np.abs(violation) / size, initial=0.0) > _CONSTRAINT_TOLERANCE:
             raise InputError(
-                f"the start violates the constraints: mu (xi - Y) = {violation} at base {x}; "
-                "give a velocity that satisfies them, or pass project_start=True to take the "
-                "nearest one"
+                f"the start violates the constraints {_place(x)}: mu (xi - Y) = {violation}, row "
+                f"by row. Give a velocity that satisfies them; the nearest one, which "
+                f"project_start=True takes, is {nearest}"
             )
+        return nearest
+
+
+def _nearest_velocity(
+    v: FloatArray, metric: FloatArray, mu: FloatArray, violation: FloatArray
+) -> FloatArray:
+    """The velocity nearest to v in the metric with ``mu (nearest - v) = -violation``."""
+    if not len(mu):
         return v
+    lower = np.linalg.cholesky(metric)
+    change = np.linalg.lstsq(np.linalg.solve(lower, mu.T).T, violation, rcond=None)[0]
+    return np.asarray(v - np.linalg.solve(lower.T, change))
 
 
-def _checked_parameters(values: Mapping[str, Any]) -> dict[str, FloatArray]:
+def _place(x: FloatArray) -> str:
+    return f"at the base point {x}" if x.size else "at the only base point"
+
+
+def _check_space(space: Any) -> None:
+    if isinstance(space, type):
+        raise InputError(
+            f"space is the class {space.__name__}; pass an instance of it: {space.__name__}(...)"
+        )
+    if not isinstance(space, LieGroupoid):
+        raise InputError(
+            f"space must be a LieGroupoid, not {type(space).__name__}; a Lie group or "
+            "PairGroupoid(n) will do, or subclass gni.LieGroupoid"
+        )
+
+
+def _checked_parameters(values: Mapping[str, Any]) -> Mapping[str, FloatArray]:
+    if not isinstance(values, Mapping):
+        raise InputError(
+            f"parameters must be a mapping from names to numbers, such as dict(m=1.5), not "
+            f"{values!r}"
+        )
     checked = {}
     for name, value in values.items():
-        try:
-            array = np.array(value, dtype=float)
-        except (TypeError, ValueError) as error:
+        if not isinstance(name, str) or not name.isidentifier() or name.startswith("__"):
             raise InputError(
-                f"parameter {name!r} must be a number or an array of numbers, got {value!r}"
-            ) from error
+                f"parameter name {name!r} cannot be read as p.name; use letters, digits and _"
+            )
+        array = np.array(_real_array(f"parameter {name!r}", value))
         if not np.all(np.isfinite(array)):
             raise InputError(f"parameter {name!r} is not finite: {value!r}")
         array.setflags(write=False)
         checked[name] = array
-    return checked
+    return MappingProxyType(checked)
 
 
 def _check_signature(name: str, function: BaseFunction) -> None:
@@ -438,29 +561,42 @@ def _check_signature(name: str, function: BaseFunction) -> None:
         ) from error
 
 
-def _constant_array(name: str, given: ArrayLike) -> FloatArray:
-    try:
-        constant = np.array(given, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} must be a function (x, p) or an array of numbers") from error
+def _constant_function(constant: FloatArray) -> BaseFunction:
+    def constant_function(x: Any, p: Any) -> FloatArray:
+        return constant
+
+    return constant_function
+
+
+def _constant_array(name: str, given: ArrayLike, shape: tuple[int, ...] | None) -> FloatArray:
+    constant = np.array(_real_array(f"{name}, unless it is a function (x, p),", given))
     if not np.all(np.isfinite(constant)):
         raise InputError(f"{name} holds NaN or infinity:\n{constant}")
+    if shape is not None and constant.shape != shape:
+        raise InputError(f"{name} must have shape {shape}, got {constant.shape}")
     constant.setflags(write=False)
     return constant
+
+
+def _real_array(name: str, given: Any) -> FloatArray:
+    """Real numbers of any kind as floats; text, complex, masked and ragged input is refused."""
+    if isinstance(given, np.ma.MaskedArray) and np.ma.is_masked(given):
+        raise InputError(f"{name} has masked entries; fill them first: array.filled(value)")
+    try:
+        array = np.asarray(given)
+        if array.dtype.kind == "O":
+            array = np.array(given, dtype=float)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{name} must hold real numbers, got {short(given)}: {error}") from error
+    if array.dtype.kind not in "biuf":
+        raise InputError(f"{name} must hold real numbers, got {array.dtype}: {short(given)}")
+    return array.astype(float, copy=False)
 
 
 def _finite_vector(name: str, given: ArrayLike | None, size: int) -> FloatArray:
     if given is None:
         raise InputError(f"{name} is missing; it needs {size} components")
-    array = np.asarray(given)
-    if array.dtype.kind not in "biuf":
-        try:
-            array = np.array(given, dtype=float) if array.dtype.kind == "O" else array
-        except (TypeError, ValueError):
-            pass
-        if array.dtype.kind != "f":
-            raise InputError(f"{name} must hold real numbers, got dtype {array.dtype}: {given!r}")
-    vector = np.array(array, dtype=float)
+    vector = np.array(_real_array(name, given))
     if vector.shape != (size,):
         raise InputError(
             f"{name} must have shape ({size},), got {vector.shape}; components are ordered base "

@@ -134,13 +134,18 @@ class Trajectory:
     def constraint_residuals(self, relative: bool = False) -> FloatArray:
         """(n, m) ``mu (xi - Y)`` of all rows as given, at the mean momentum.
 
-        relative : divide each by ``|mu| (|xi| + |Y|)``, the size of its terms.
+        relative : divide by ``|mu^a| (|xi| + |Y|)`` in the norms of the metric, the largest value
+            the row could take; independent of units and of the scale of the row.
         """
         mu = self.system.evaluate("constraints", self.base)
         drift = self.system.evaluate("drift", self.base)
         residuals = np.einsum("nar,nr->na", mu, self.velocities - drift)
         if relative:
-            size = np.einsum("nar,nr->na", np.abs(mu), np.abs(self.velocities) + np.abs(drift))
+            metric = self.system.evaluate("metric", self.base)
+            raised = np.linalg.solve(metric, np.swapaxes(mu, 1, 2))
+            row_size = np.sqrt(np.einsum("nar,nra->na", mu, raised))
+            speed = _metric_norm(metric, self.velocities) + _metric_norm(metric, drift)
+            size = row_size * speed[:, None]
             residuals = residuals / np.where(size > 0.0, size, 1.0)
         return np.asarray(residuals)
 
@@ -313,7 +318,7 @@ class Trajectory:
             "rescued_steps": self.rescued_steps,
             "parameters": list(self.system.parameters),
         }
-        arrays = {f"parameter_{k}": v for k, v in self.system.parameters.items()}
+        arrays: dict[str, Any] = {f"parameter_{k}": v for k, v in self.system.parameters.items()}
         handle, name = tempfile.mkstemp(dir=target.parent, suffix=".npz")
         try:
             with os.fdopen(handle, "wb") as file:
@@ -367,6 +372,11 @@ class Trajectory:
             seconds=header["seconds"],
             rescued_steps=header["rescued_steps"],
         )
+
+
+def _metric_norm(metric: FloatArray, vectors: FloatArray) -> FloatArray:
+    """|v| at every node, (n,)."""
+    return np.sqrt(np.einsum("nr,nrs,ns->n", vectors, metric, vectors))
 
 
 def starting_arrow(

@@ -1,8 +1,8 @@
 """From the expressions of a step to something that runs: machine code, or CasADi's evaluator."""
 
 from groupoid_gni.codegen.machine import MachineCode, machine_has_fused_products
-from groupoid_gni.codegen.step_kernel import field_ir, step_kernel_ir
 from groupoid_gni.codegen.runners import CompiledStep, InterpretedStep, StepRunner, compile_field
+from groupoid_gni.codegen.step_kernel import field_ir, step_kernel_ir
 
 __all__ = [
     "CompiledStep",

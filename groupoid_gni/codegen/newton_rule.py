@@ -9,6 +9,10 @@ both runners.
 
 from __future__ import annotations
 
+from math import comb
+
+from groupoid_gni.discretization.step_program import HISTORY
+
 AT_ROUND_OFF = 1e-31
 """e_k^2 at which nothing can be gained."""
 
@@ -41,3 +45,7 @@ def finished(now: float, last: float, quadratic: bool) -> bool:
         or predicted
         or (now >= STAGNATION * last and now <= STAGNATION_LEVEL)
     )
+
+
+EXTRAPOLATION = tuple((-1.0) ** k * comb(HISTORY, k + 1) for k in range(HISTORY))
+"""Weights of the last, the last but one, ... step: the polynomial through all of them."""

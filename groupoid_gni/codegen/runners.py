@@ -19,7 +19,7 @@ from groupoid_gni.array_types import FloatArray
 from groupoid_gni.codegen import newton_rule as rule
 from groupoid_gni.codegen.machine import MachineCode, machine_has_fused_products
 from groupoid_gni.codegen.step_kernel import field_ir, step_function, step_kernel_ir
-from groupoid_gni.discretization.step_program import StepProgram
+from groupoid_gni.discretization.step_program import HISTORY, StepProgram
 from groupoid_gni.outcomes import Outcome
 
 
@@ -27,7 +27,8 @@ from groupoid_gni.outcomes import Outcome
 class Progress:
     """Where a run stands: everything needed to go on, bit for bit. Never changed in place.
 
-    state : (n,).  memory : unknowns of the last three steps, carried values, Newton count.  step : number of steps done.
+    state : (n,).  memory : unknowns of the last steps, carried values, Newton count.
+    step : number of steps done.
     """
 
     state: FloatArray
@@ -75,7 +76,7 @@ class StepRunner(ABC):
         guess, carried = (
             np.array(v).ravel() for v in self._first_memory(parameters, progress.state)
         )
-        recent = np.tile(guess if unknowns is None else unknowns, 3)
+        recent = np.tile(guess if unknowns is None else unknowns, HISTORY)
         memory = np.concatenate([recent, carried, progress.memory[-1:]])
         return Progress(progress.state, memory, progress.step)
 
@@ -84,7 +85,8 @@ class StepRunner(ABC):
 
         Solves "the update is zero" with its exact Jacobian. Returns the unknowns, or None.
         """
-        u, carried = (np.array(v).ravel() for v in self._first_memory(parameters, progress.state))
+        first = self._first_memory(parameters, progress.state)
+        u, carried = (np.array(v, dtype=float).ravel() for v in first)
 
         def system(values: FloatArray) -> list[FloatArray]:
             outputs = self._update_and_slope(parameters, progress.state, values, carried, 0.0)
@@ -105,7 +107,7 @@ class StepRunner(ABC):
         return None
 
 
-def _damping(system: Any, u: FloatArray, change: FloatArray, residual: FloatArray) -> float:
+def _damping(system: Any, u: Any, change: Any, residual: Any) -> float:
     """Largest of 1, 1/2, ... 1/16 that makes the residual smaller."""
     before = float(np.linalg.norm(residual))
     for factor in (1.0, 0.5, 0.25, 0.125, 0.0625):
@@ -178,9 +180,10 @@ class InterpretedStep(StepRunner):
     ) -> tuple[Outcome, Progress, FloatArray]:
         n = self.program.unknowns.numel()
         memory = progress.memory
-        guess = 3.0 * (memory[:n] - memory[n : 2 * n]) + memory[2 * n : 3 * n]
+        recent = memory[: HISTORY * n].reshape(HISTORY, n)
+        guess = np.asarray(rule.EXTRAPOLATION) @ recent
         last, u, carried, iterations = self._iterate(
-            parameters, progress.state, guess, memory[3 * n : -1]
+            parameters, progress.state, guess, memory[HISTORY * n : -1]
         )
         _, _, _, following, arrows, guards = last
         if iterations == 0 and n:
@@ -190,7 +193,7 @@ class InterpretedStep(StepRunner):
                 return Outcome(guard.code), progress, arrows
         if not np.all(np.isfinite(following)):
             return Outcome.NOT_FINITE, progress, arrows
-        memory = np.concatenate([u, memory[: 2 * n], carried, memory[-1:] + iterations])
+        memory = np.concatenate([u, recent[:-1].ravel(), carried, memory[-1:] + iterations])
         return Outcome.SUCCESS, Progress(following, memory, progress.step + 1), arrows
 
     def _iterate(

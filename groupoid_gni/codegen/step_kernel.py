@@ -15,7 +15,7 @@ from groupoid_gni.codegen import newton_rule as rule
 from groupoid_gni.codegen.elementary import sine_cosine_function
 from groupoid_gni.codegen.emitter import Emitter, Values
 from groupoid_gni.codegen.tape import Tape
-from groupoid_gni.discretization.step_program import StepProgram
+from groupoid_gni.discretization.step_program import HISTORY, StepProgram
 from groupoid_gni.outcomes import Outcome
 
 _UPDATE, _CARRIED, _MEASURE, _NEXT, _ARROWS, _GUARDS = range(6)
@@ -85,7 +85,7 @@ def _store(e: Emitter, value: str, pointer: str, index: str) -> None:
 class _StepKernel:
     """Builds ``i64 @advance(parameters, state, memory, rows, status, first, count, every)``.
 
-    parameters, state : W values per entry.  memory : the last three sets of unknowns, then the
+    parameters, state : W values per entry.  memory : the unknowns of the last steps, then the
     running count of Newton iterations.  rows : room for the saved nodes.  status : one i64 per
     lane, the outcome code, then one per lane, the step at which it failed.
     Returns the number of steps done (the last one complete in at least one lane).
@@ -167,7 +167,7 @@ class _StepKernel:
         e, n = self.e, self.unknown_size
         needed = self.tape.needed([_UPDATE, _CARRIED, _MEASURE])
         self.values.emit(needed, [_STATE])
-        starts = [*[self._extrapolate(i) for i in range(n)], *self.memory[3 * n : -1]]
+        starts = [*[self._extrapolate(i) for i in range(n)], *self.memory[HISTORY * n : -1]]
         e.line("br label %newton")
         e.label("newton")
         self._place_phis("newton")
@@ -189,7 +189,7 @@ class _StepKernel:
             self._phi("newton", "%busy", e.flag_type, ("%alive", "step"), (busy, "newton"))
         e.label("settled")
         converged = busy if e.lanes == 1 else self._not(busy)
-        return inner, [*new[:n], *self.memory[: 2 * n], *new[n:], total], converged
+        return inner, [*new[:n], *self.memory[: (HISTORY - 1) * n], *new[n:], total], converged
 
     def _uses_later(self) -> bool:
         return self.program.carried.numel() > 0
@@ -207,11 +207,12 @@ class _StepKernel:
         return e.assign(f"xor {e.flag_type} {flag}, {true}")
 
     def _extrapolate(self, i: int) -> str:
-        """Quadratic extrapolation of an unknown from the last three steps."""
+        """Extrapolation of an unknown from its values in the last steps."""
         e, n = self.e, self.unknown_size
-        one, two, three = self.memory[i], self.memory[n + i], self.memory[2 * n + i]
-        difference = e.binary("fsub", one, two)
-        return e.multiply_add(difference, e.constant(3.0), three)
+        guess = e.binary("fmul", self.memory[i], e.constant(rule.EXTRAPOLATION[0]))
+        for k, weight in enumerate(rule.EXTRAPOLATION[1:], start=1):
+            guess = e.multiply_add(self.memory[k * n + i], e.constant(weight), guess)
+        return guess
 
     def _iterate(self, inner: Values, unknowns: list[str]) -> tuple[list[str], str, str, str]:
         """One Newton update: new unknowns, e^2, running count, and a flag.

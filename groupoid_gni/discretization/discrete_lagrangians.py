@@ -43,7 +43,7 @@ class DiscreteLagrangian(ABC):
         """
 
     def adjoint(self) -> DiscreteLagrangian:
-        """The discrete Lagrangian ``L_d*(g) = -L_d(g^-1)`` at step -h, whose step is the adjoint."""
+        """``L_d*(g) = -L_d(g^-1)`` at step -h, whose free step is the adjoint one."""
         return Adjoint(self)
 
 
@@ -114,7 +114,7 @@ class EulerB(DiscreteLagrangian):
 
 @dataclass(frozen=True)
 class Rattle(DiscreteLagrangian):
-    """``L_d = (h/2) (L(x0, xi) + L(x1, xi))``, equation (16): nonholonomic SHAKE/RATTLE, order 2."""
+    """``L_d = (h/2) (L(x0, xi) + L(x1, xi))``, equation (16): SHAKE and RATTLE, order 2."""
 
     def average(
         self,

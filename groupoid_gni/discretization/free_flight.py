@@ -13,12 +13,11 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from groupoid_gni.array_types import Array
 from groupoid_gni.discretization.discrete_lagrangians import DiscreteLagrangian
 from groupoid_gni.discretization.elimination import solve_linear
 from groupoid_gni.discretization.system_expressions import SystemExpressions
-from groupoid_gni.array_types import Array
-from groupoid_gni.expressions import record
-from groupoid_gni.systems import MechanicalSystem
+from groupoid_gni.expressions import RecordedFunction, record
 
 
 @dataclass(frozen=True)
@@ -143,10 +142,8 @@ def _gradients_of_average(
     return ca.Function("gradients", [x0, x1, xi, h, theta], gradients)
 
 
-def _recorded_lagrangian(expressions: SystemExpressions):  # type: ignore[no-untyped-def]
+def _recorded_lagrangian(expressions: SystemExpressions) -> RecordedFunction:
     """L as a recorded function that can be called on recorded arrays."""
-    from groupoid_gni.expressions import RecordedFunction
-
     x, xi = ca.SX.sym("x", expressions.base_size), ca.SX.sym("xi", expressions.rank)
     theta = ca.SX.sym("theta", expressions.parameter_size)
     function = ca.Function("lagrangian", [x, xi, theta], [expressions.lagrangian(x, xi, theta)])

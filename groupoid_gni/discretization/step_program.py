@@ -7,6 +7,9 @@ from typing import Any
 
 import casadi as ca
 
+HISTORY = 5
+"""Steps whose unknowns are remembered for the warm start."""
+
 
 @dataclass(frozen=True)
 class StateLayout:
@@ -80,8 +83,8 @@ class StepProgram:
 
     @property
     def memory_size(self) -> int:
-        """Unknowns of the last three steps, carried values, Newton count."""
-        return 3 * self.unknowns.numel() + self.carried.numel() + 1
+        """Unknowns of the last steps, carried values, Newton count."""
+        return HISTORY * self.unknowns.numel() + self.carried.numel() + 1
 
     @property
     def row_size(self) -> int:

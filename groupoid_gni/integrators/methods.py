@@ -54,6 +54,11 @@ class GNI:
         if not isinstance(self.flow, Variational):
             raise InputError(f"flow must be a free flight such as Variational(), not {self.flow!r}")
 
+    def __str__(self) -> str:
+        if self.flow == Variational():
+            return f"GNI(order={self.order})"
+        return f"GNI(order={self.order}, flow=Variational({self.flow.discrete_lagrangian}))"
+
 
 @dataclass(frozen=True)
 class ReferenceFlow:
@@ -73,6 +78,9 @@ class ReferenceFlow:
                 raise InputError(f"{name} must lie between 0 and 1, got {value!r}")
         if self.rtol < 1e-13:
             raise InputError(f"rtol={self.rtol} is below what doubles can give; use 1e-13 or more")
+
+    def __str__(self) -> str:
+        return f"ReferenceFlow(rtol={self.rtol:g})"
 
 
 Method = DiscreteLagrangian | GNI | ReferenceFlow

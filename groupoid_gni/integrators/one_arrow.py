@@ -9,7 +9,7 @@ import numpy as np
 from groupoid_gni.array_types import ArrayLike, FloatArray
 from groupoid_gni.discretization import DiscreteLagrangian, SystemExpressions, next_arrow_function
 from groupoid_gni.errors import InputError, StepFailure
-from groupoid_gni.integrators.integration import _checked_step
+from groupoid_gni.integrators.requests import checked_step
 from groupoid_gni.outcomes import Outcome
 from groupoid_gni.systems import MechanicalSystem
 
@@ -32,7 +32,7 @@ def next_arrow(
     space = system.space
     if not isinstance(discrete_lagrangian, DiscreteLagrangian):
         raise InputError(f"expected a discrete Lagrangian, got {discrete_lagrangian!r}")
-    h = _checked_step(step)
+    h = checked_step(step)
     g = np.array(arrow, dtype=float)
     if g.shape != (space.arrow_size,) or not np.all(np.isfinite(g)):
         raise InputError(
@@ -63,7 +63,7 @@ def _solve(function: Any, arguments: tuple[Any, ...]) -> tuple[FloatArray, Float
     velocity = np.array(function(*arguments, start)[5]).ravel()
     last = np.inf
     for _ in range(_ITERATIONS):
-        residual, jacobian, q, _, after, _ = (
+        residual, jacobian, q, *_ = (
             np.array(v) for v in function(*arguments, velocity)
         )
         if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(jacobian))):

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import numpy as np
 
 from groupoid_gni.array_types import FloatArray
 from groupoid_gni.codegen import compile_field
 from groupoid_gni.discretization import StateLayout, SystemExpressions, reference_field
+from groupoid_gni.integrators.marching import progress_bar
 from groupoid_gni.integrators.methods import ReferenceFlow
+from groupoid_gni.integrators.requests import check_memory
 from groupoid_gni.outcomes import Outcome
 from groupoid_gni.systems import MechanicalSystem, State
 from groupoid_gni.trajectory import Trajectory
@@ -26,8 +29,6 @@ def integrate_reference(
 ) -> Trajectory:
     """Nodes ``k h`` of the solution of the equations of motion; a failure keeps the good nodes."""
     from scipy.integrate import DOP853
-
-    from groupoid_gni.integrators.integration import check_memory, progress_bar
 
     n, r = system.space.base_size, system.space.rank
     layout = StateLayout.of({"base": n, "after": r}, aliases={"before": "after"})
@@ -85,7 +86,7 @@ def _nodes_reached(steps: np.ndarray, h: float, filled: int, t: float) -> int:
     return filled + int(beyond)
 
 
-def _compiled_field(system: MechanicalSystem, active_rows: tuple[int, ...]):  # type: ignore[no-untyped-def]
+def _compiled_field(system: MechanicalSystem, active_rows: tuple[int, ...]) -> Any:
     key = ("field", active_rows)
     if key not in system._compiled:
         function = reference_field(SystemExpressions(system, active_rows))

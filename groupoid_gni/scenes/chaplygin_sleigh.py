@@ -27,8 +27,8 @@ def chaplygin_sleigh(
     Equations: ``v' = a omega^2, omega' = -m a v omega / (J + m a^2)``, v across = 0. Exact:
     with ``k = a sqrt(2 E m) / I``, ``v = V tanh(k t + c)``, ``omega = W sech(k t + c)``,
     ``V = sqrt(2E/m)``, ``W = sqrt(2E/I)``, ``I = J + m a^2``: the sleigh settles on a straight line
-    with its centre of mass in front. Position and heading are left out; nothing depends on them, and
-    ``reconstruct`` gives them back.
+    with its centre of mass in front. Position and heading are left out: nothing depends on
+    them, and ``reconstruct`` gives them back.
     """
     system = MechanicalSystem(
         SE2(retraction=Cayley() if retraction is None else retraction),

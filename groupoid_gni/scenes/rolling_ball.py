@@ -28,8 +28,8 @@ def rolling_ball(
     rolling, equations (41): ``x' - r omega_2 + Theta y = 0``, ``y' + r omega_1 - Theta x = 0``.
 
     The group is right-sided (space velocities), because the constraint is. Exact: the velocity of
-    the contact point turns at the constant rate ``Theta I / (I + m r^2)``. The attitude is left out;
-    ``reconstruct`` gives it back.
+    the contact point turns at the constant rate ``Theta I / (I + m r^2)``. The attitude is left
+    out; ``reconstruct`` gives it back.
     """
     group = SO3(side="right", retraction=Cayley() if retraction is None else retraction)
     system = MechanicalSystem(

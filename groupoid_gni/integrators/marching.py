@@ -1,0 +1,318 @@
+"""Running a step program in chunks, from a checked request to a trajectory."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from groupoid_gni.array_types import FloatArray
+from groupoid_gni.codegen import CompiledStep, InterpretedStep, StepRunner
+from groupoid_gni.codegen.runners import Progress
+from groupoid_gni.discretization import (
+    DiscreteLagrangian,
+    StepProgram,
+    SystemExpressions,
+    projected_program,
+    two_step_program,
+)
+from groupoid_gni.errors import ParasiticModeWarning
+from groupoid_gni.integrators.methods import GNI
+from groupoid_gni.integrators.requests import check_memory
+from groupoid_gni.outcomes import Outcome
+from groupoid_gni.systems import MechanicalSystem, State
+from groupoid_gni.trajectory import Trajectory
+
+_CHUNK = 1000
+_PARASITIC_FACTOR = 2.0
+_PARASITIC_FLOOR = 1e-10
+
+
+def compiled_step(
+    system: MechanicalSystem,
+    method: DiscreteLagrangian | GNI,
+    active_rows: tuple[int, ...],
+    reconstruct: bool = False,
+    compile: bool = True,
+) -> StepRunner:
+    """The runner of a method for a system; made once and kept with the system's recordings."""
+    key = (method, active_rows, reconstruct, compile)
+    if key not in system._compiled:
+        program_key = (method, active_rows, reconstruct, "program")
+        if program_key not in system._compiled:
+            system._compiled[program_key] = _program(system, method, active_rows, reconstruct)
+        program: StepProgram = system._compiled[program_key]
+        system._compiled[key] = CompiledStep.of(program) if compile else InterpretedStep(program)
+    runner: StepRunner = system._compiled[key]
+    return runner
+
+
+def _program(
+    system: MechanicalSystem,
+    method: DiscreteLagrangian | GNI,
+    active_rows: tuple[int, ...],
+    reconstruct: bool,
+) -> StepProgram:
+    expressions = SystemExpressions(system, active_rows)
+    if isinstance(method, DiscreteLagrangian):
+        return two_step_program(expressions, method, reconstruct)
+    first = method.flow.discrete_lagrangian
+    return projected_program(expressions, first, first.adjoint(), reconstruct)
+
+
+@dataclass(frozen=True)
+class _Request:
+    """A checked request, ready to run."""
+
+    system: MechanicalSystem
+    start: State
+    h: float
+    count: int
+    every: int
+    method: DiscreteLagrangian | GNI
+    runner: StepRunner
+    parameters: FloatArray
+    state: FloatArray
+
+
+def run_steps(
+    system: MechanicalSystem,
+    start: State,
+    h: float,
+    count: int,
+    method: DiscreteLagrangian | GNI,
+    every: int,
+    pose: FloatArray | None,
+    compile: bool,
+    progress: bool,
+) -> Trajectory:
+    """Run a fixed-step method and collect its nodes."""
+    runner = compiled_step(system, method, start.active_rows, pose is not None, compile)
+    check_memory(count // every + 2, runner.program.row_size)
+    expressions = SystemExpressions(system, start.active_rows)
+    node = _node_numbers(expressions, start, system.parameter_vector)
+    state = _initial_state(runner.program, start, h, node, pose)
+    parameters = np.concatenate([system.parameter_vector, [h], node["scales"]])
+    request = _Request(system, start, h, count, every, method, runner, parameters, state)
+    began = time.perf_counter()
+    chunks, outcome, detail, rescued = _march(request, progress)
+    seconds = time.perf_counter() - began
+    run = _collect(request, chunks, outcome, detail, seconds, rescued)
+    _warn_of_parasitic_mode(run)
+    return run
+
+
+def _node_numbers(
+    expressions: SystemExpressions, start: State, theta: FloatArray
+) -> dict[str, FloatArray]:
+    """Scales C_aa of the constraints and the multiplier at the start, in numbers."""
+    if not expressions.constraint_count:
+        empty = np.zeros(0)
+        return {"scales": empty, "impulse": np.zeros(expressions.rank), "normal": empty}
+    x, p = ca.SX.sym("x", expressions.base_size), ca.SX.sym("p", expressions.rank)
+    parameters = ca.SX.sym("theta", expressions.parameter_size)
+    node = expressions.node(x, parameters)
+    force = ca.mtimes(node.mu.T, expressions.multipliers(x, p, parameters))
+    normal = node.normal_component(p - force) - node.normal_component(p)
+    outputs = [ca.diag(node.gram), force, normal]
+    values = ca.Function("start", [x, p, parameters], outputs)(start.base, start.momentum, theta)
+    return dict(
+        zip(("scales", "impulse", "normal"), (np.array(v).ravel() for v in values), strict=True)
+    )
+
+
+def _initial_state(
+    program: StepProgram,
+    start: State,
+    h: float,
+    node: dict[str, FloatArray],
+    pose: FloatArray | None,
+) -> FloatArray:
+    """The flat start: base, momenta, and for two-step methods half of the constraint impulse."""
+    layout = program.layout
+    state = np.zeros(layout.size)
+    state[layout.slices["base"]] = start.base
+    half = np.zeros_like(start.momentum)
+    if layout.slices["before"] != layout.slices["after"]:
+        half = 0.5 * h * node["impulse"]
+        m = len(node["normal"])
+        if m:
+            state[layout.slices["normals"]][:m] = 0.5 * h * node["normal"]
+            state[layout.slices["parasitic"]][3] = 1.0
+    state[layout.slices["before"]] = start.momentum - half
+    state[layout.slices["after"]] = start.momentum + half
+    if pose is not None:
+        state[layout.slices["reconstructed"]] = pose
+    return state
+
+
+Chunks = list[tuple[Progress, FloatArray]]
+
+
+def _march(request: _Request, show: bool) -> tuple[Chunks, Outcome, str, int]:
+    """Run chunk by chunk until the end, a failure or Ctrl-C; nothing finished is ever lost."""
+    chunks: Chunks = [(request.runner.begin(request.parameters, request.state), np.empty((0, 0)))]
+    rescued = 0
+    try:
+        with progress_bar(request.count, show) as advance_bar:
+            while (done := chunks[-1][0].step) < request.count:
+                size = min(_CHUNK, request.count - done)
+                outcome = _append_chunk(request, chunks, chunks[-1][0], size)
+                if outcome is Outcome.NEWTON_FAILED and _rescue(request, chunks):
+                    outcome, rescued = Outcome.SUCCESS, rescued + 1
+                if outcome is Outcome.SUCCESS:
+                    outcome = _check_dropped_rows(request, chunks[-1][0])
+                if outcome is not Outcome.SUCCESS:
+                    return chunks, outcome, _failure_detail(request, chunks[-1][0]), rescued
+                advance_bar(chunks[-1][0].step - done)
+    except KeyboardInterrupt:
+        done = chunks[-1][0].step
+        detail = f"Stopped after step {done} of {request.count}."
+        return chunks, Outcome.INTERRUPTED, detail, rescued
+    return chunks, Outcome.SUCCESS, "", rescued
+
+
+def _append_chunk(request: _Request, chunks: Chunks, begin: Progress, size: int) -> Outcome:
+    after, rows, outcome = request.runner.advance(request.parameters, begin, size, request.every)
+    chunks.append((after, rows))
+    return outcome
+
+
+def _rescue(request: _Request, chunks: Chunks) -> bool:
+    """Try the failed step again from a fresh guess, then with a damped and pivoted Newton."""
+    runner, here = request.runner, chunks[-1][0]
+    fresh = runner.with_unknowns(request.parameters, here, None)
+    if _append_chunk(request, chunks, fresh, 1) is Outcome.SUCCESS:
+        return True
+    chunks.pop()
+    solved = runner.solve_carefully(request.parameters, here)
+    if solved is None:
+        return False
+    prepared = runner.with_unknowns(request.parameters, here, solved)
+    if _append_chunk(request, chunks, prepared, 1) is Outcome.SUCCESS:
+        return True
+    chunks.pop()
+    return False
+
+
+def _check_dropped_rows(request: _Request, progress: Progress) -> Outcome:
+    """Rows left out at the start as dependent must still hold."""
+    system = request.system
+    dropped = sorted(set(range(system.constraint_count)) - set(request.start.active_rows))
+    if not dropped:
+        return Outcome.SUCCESS
+    layout = request.runner.program.layout
+    x = progress.state[layout.slices["base"]]
+    p = 0.5 * (progress.state[layout.slices["before"]] + progress.state[layout.slices["after"]])
+    metric = system.evaluate("metric", x)
+    velocity = np.linalg.solve(metric, p - system.evaluate("gyroscopic", x))
+    mu, drift = system.evaluate("constraints", x)[dropped], system.evaluate("drift", x)
+    size = np.abs(mu) @ (np.abs(velocity) + np.abs(drift)) + 1e-300
+    violated = np.abs(mu @ (velocity - drift)) > 1e-8 * size
+    return Outcome.CONSTRAINT_LOST if np.any(violated) else Outcome.SUCCESS
+
+
+def _failure_detail(request: _Request, progress: Progress) -> str:
+    """Where the run stopped, with the numbers that tell why."""
+    system, layout = request.system, request.runner.program.layout
+    x = progress.state[layout.slices["base"]]
+    p = 0.5 * (progress.state[layout.slices["before"]] + progress.state[layout.slices["after"]])
+    text = (
+        f"Failed in step {progress.step + 1} of {request.count}, after t = "
+        f"{progress.step * request.h:.6g}"
+    )
+    if x.size:
+        text += f", at the base point {np.array2string(x, precision=6, threshold=12)}"
+    with np.errstate(all="ignore"):
+        metric = system.evaluate("metric", x)
+        eigenvalues = np.linalg.eigvalsh(metric) if np.all(np.isfinite(metric)) else [np.nan]
+        if not eigenvalues[0] > 0:
+            return text + f"; the metric is no longer positive definite there: {eigenvalues}."
+        velocity = np.linalg.solve(metric, p - system.evaluate("gyroscopic", x))
+        text += f", velocity {np.array2string(velocity, precision=6, threshold=12)}"
+        rows = list(request.start.active_rows)
+        if rows:
+            mu = system.evaluate("constraints", x)[rows]
+            condition = np.linalg.cond(mu @ np.linalg.solve(metric, mu.T))
+            text += f"; condition number of C there {condition:.3g}"
+        reach = float(np.max(np.asarray(system.space.reach(x, request.h * velocity))))
+        if reach > 0.5:
+            text += (
+                f"; one step covers {reach:.2f} of the retraction's domain: use a step below "
+                f"{abs(request.h) * 0.5 / reach:.2g}"
+            )
+    return text + "."
+
+
+def _collect(
+    request: _Request,
+    chunks: Chunks,
+    outcome: Outcome,
+    detail: str,
+    seconds: float,
+    rescued: int,
+) -> Trajectory:
+    program = request.runner.program
+    width = program.row_size
+    first = np.full((1, width), np.nan)
+    first[0, : program.layout.size] = request.state
+    first[0, -1] = 0.0
+    saved = [rows for _, rows in chunks if rows.size]
+    done = chunks[-1][0].step
+    steps = np.arange(0, done + 1, request.every)
+    rows = np.concatenate([first, *saved])
+    if done % request.every:
+        last = np.full((1, width), np.nan)
+        last[0, : program.layout.size] = chunks[-1][0].state
+        last[0, -1] = chunks[-1][0].memory[-1]
+        rows, steps = np.concatenate([rows, last]), np.append(steps, done)
+    flights = program.arrow_velocities.numel() // request.system.space.rank
+    return Trajectory(
+        system=request.system,
+        method_name=str(request.method),
+        step_size=request.h,
+        node_steps=steps,
+        rows=rows,
+        layout=program.layout,
+        active_rows=request.start.active_rows,
+        flights=flights,
+        outcome=outcome,
+        detail=detail,
+        seconds=seconds,
+        rescued_steps=rescued,
+    )
+
+
+def _warn_of_parasitic_mode(run: Trajectory) -> None:
+    if "parasitic" not in run.layout.slices or not run._part("parasitic").shape[1]:
+        return
+    growing = run._part("parasitic")[:, 1]
+    bound = max(_PARASITIC_FACTOR * run.parasitic_bound, _PARASITIC_FLOOR)
+    if growing[-1] > bound:
+        since = run.times[np.argmax(growing > bound)]
+        warnings.warn(
+            f"the (-1)^k mode of {run.method_name} left its O(h^2) level {bound:.2g} at t = "
+            f"{since:g} and has reached {growing[-1]:.2g} of |p|: it grows where the true motion "
+            "contracts volume, whatever the step, and the run should not be trusted from there on. "
+            "Use method=gni.GNI(), which has no such mode",
+            ParasiticModeWarning,
+            stacklevel=4,
+        )
+
+
+@contextmanager
+def progress_bar(total: int, show: bool) -> Iterator[Any]:
+    """A function that moves the bar by a number of steps; a silent one when not shown."""
+    if not show:
+        yield lambda steps: None
+        return
+    from tqdm.auto import tqdm
+
+    with tqdm(total=total, unit="step", unit_scale=True) as bar:
+        yield bar.update

@@ -1,0 +1,19 @@
+"""Pictures of trajectories. The only room that imports matplotlib."""
+
+from groupoid_gni.plotting.panels import (
+    plot_constraints,
+    plot_energy,
+    plot_path,
+    plot_velocities,
+    style,
+)
+from groupoid_gni.plotting.trajectory_figure import plot_trajectory
+
+__all__ = [
+    "plot_constraints",
+    "plot_energy",
+    "plot_path",
+    "plot_trajectory",
+    "plot_velocities",
+    "style",
+]

@@ -1,0 +1,36 @@
+"""Every example runs, compares itself with a known answer and writes its figure."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+
+
+def load(name):
+    specification = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
+def test_every_example_is_tested_here():
+    assert {p.stem for p in EXAMPLES.glob("*.py")} == {"chaplygin_sleigh", "rolling_sphere"}
+
+
+def test_chaplygin_sleigh_settles_with_gni_and_is_reversed_with_rattle(tmp_path, capsys):
+    errors = load("chaplygin_sleigh").main(tmp_path / "sleigh.png")
+    assert errors["GNI"] < 2e-3
+    assert errors["Rattle"] > 3.0
+    assert (tmp_path / "sleigh.png").stat().st_size > 20_000
+    assert "left its O(h^2) level" in capsys.readouterr().out
+
+
+def test_rolling_sphere_has_order_two_and_the_known_error(tmp_path, capsys):
+    numbers = load("rolling_sphere").main(tmp_path / "new folder" / "sphere.png")
+    assert numbers["slope"] == pytest.approx(2.0, abs=0.03)
+    assert numbers["error"] == pytest.approx(3.8e-3, rel=0.03)
+    assert numbers["difference"] < 5e-3
+    assert (tmp_path / "new folder" / "sphere.png").stat().st_size > 20_000
+    assert "moving energy" in capsys.readouterr().out

@@ -1,0 +1,118 @@
+"""The result object: what it tells, what it refuses, how it is stored."""
+
+import json
+
+import numpy as np
+import pytest
+
+import groupoid_gni as gni
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return gni.scenes.rolling_ball(mass=1.4, radius=0.9, inertia=0.5, table=0.7)
+
+
+@pytest.fixture(scope="module")
+def run(scene):
+    return gni.integrate(scene.system, scene.start, step=0.04, n_steps=200)
+
+
+def test_times_are_step_numbers_times_the_step(run):
+    assert np.array_equal(run.times, np.arange(201) * 0.04)
+    assert len(run) == 201
+    assert "201 nodes" in repr(run)
+
+
+def test_arrays_have_the_documented_shapes(run):
+    assert run.base.shape == (201, 2)
+    for momenta in (run.momenta, run.momenta_before, run.momenta_after, run.velocities):
+        assert momenta.shape == (201, 5)
+    assert run.multipliers.shape == run.constraint_residuals().shape == (201, 2)
+    assert run.arrows.shape == (200, 13)
+    assert run.energy().shape == run.times.shape
+    assert run.newton_iterations.shape == (200,)
+
+
+def test_arrows_join_the_nodes(run, scene):
+    space = scene.system.space
+    assert np.allclose(space.source(run.arrows), run.base[:-1], rtol=0, atol=1e-14)
+    assert np.allclose(space.target(run.arrows), run.base[1:], rtol=0, atol=1e-13)
+
+
+def test_summary_tells_outcome_energy_constraint_and_effort(run):
+    text = run.summary()
+    for word in ("GNI(order=2)", "200 steps", "success", "energy", "constraints", "Newton", "ns per"):
+        assert word in text
+
+
+def test_multipliers_are_the_physical_force_of_the_exact_motion(run, scene):
+    # the ball's contact force is m v', and v turns at the rate Theta I / (I + m r^2)
+    p = scene.system.parameters
+    rate = p["Theta"] * p["I"] / (p["I"] + p["m"] * p["r"] ** 2)
+    v = run.velocities[:, :2]
+    force = p["m"] * rate * np.stack([-v[:, 1], v[:, 0]], axis=1)
+    assert np.allclose(run.multipliers, force, atol=1e-12)
+
+
+def test_two_step_multipliers_agree_with_the_physical_force_to_second_order(scene):
+    run = gni.integrate(scene.system, scene.start, step=0.01, n_steps=400, method=gni.Rattle())
+    exact = gni.integrate(scene.system, scene.start, step=0.01, n_steps=400)
+    assert np.max(np.abs(run.multipliers - exact.multipliers)) < 3e-4
+
+
+def test_arrows_are_refused_when_nodes_were_skipped(scene):
+    run = gni.integrate(scene.system, scene.start, step=0.04, n_steps=30, save_every=7)
+    assert list(run.node_steps) == [0, 7, 14, 21, 28, 30]
+    with pytest.raises(gni.InputError, match=r"save_every > 1.*reconstruct=W0"):
+        _ = run.arrows
+
+
+def test_a_saved_run_comes_back_whole(run, scene, tmp_path):
+    path = run.save(tmp_path / "ball run")
+    assert path.name == "ball run.npz"
+    other = scene.system.with_parameters(m=9.0)
+    back = gni.Trajectory.load(path, other)
+    assert np.array_equal(back.rows, run.rows)
+    assert np.array_equal(back.energy(), run.energy())
+    assert back.summary() == run.summary()
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_file_of_another_system_is_refused(run, tmp_path):
+    path = run.save(tmp_path / "ball.npz")
+    sleigh = gni.scenes.chaplygin_sleigh().system
+    with pytest.raises(gni.TrajectoryFileError, match="belongs to another system"):
+        gni.Trajectory.load(path, sleigh)
+
+
+@pytest.mark.parametrize("keep", [0, 10, 200])
+def test_a_truncated_file_is_refused_with_advice(run, scene, tmp_path, keep):
+    path = run.save(tmp_path / "ball.npz")
+    path.write_bytes(path.read_bytes()[:keep])
+    with pytest.raises(gni.TrajectoryFileError, match=r"not a complete trajectory.*save"):
+        gni.Trajectory.load(path, scene.system)
+
+
+def test_a_file_of_another_format_is_refused(scene, tmp_path):
+    np.savez(
+        tmp_path / "x.npz",
+        header=np.array(json.dumps({"format": "something", "parameters": []})),
+        node_steps=np.arange(3),
+        rows=np.zeros((3, 4)),
+    )
+    with pytest.raises(gni.TrajectoryFileError, match="unknown format 'something'"):
+        gni.Trajectory.load(tmp_path / "x.npz", scene.system)
+
+
+def test_a_missing_file_is_the_usual_error(scene, tmp_path):
+    with pytest.raises(FileNotFoundError):
+        gni.Trajectory.load(tmp_path / "nowhere.npz", scene.system)
+
+
+def test_the_final_state_starts_a_second_run_where_the_first_ended(run, scene):
+    more = gni.integrate(
+        scene.system, scene.system.state(*run.final_state), step=0.04, n_steps=100
+    )
+    whole = gni.integrate(scene.system, scene.start, step=0.04, n_steps=300)
+    assert np.allclose(more.base[-1], whole.base[-1], rtol=0, atol=1e-12)
