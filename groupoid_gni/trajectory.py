@@ -343,7 +343,7 @@ class Trajectory:
         file is not a trajectory or does not belong to such a system.
         """
         try:
-            with np.load(path, allow_pickle=False) as file:
+            with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
                 header = json.loads(str(file["header"]))
                 steps, rows = file["node_steps"], file["rows"]
                 values = {k: file[f"parameter_{k}"] for k in header["parameters"]}

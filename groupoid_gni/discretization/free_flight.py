@@ -82,19 +82,19 @@ class FreeFlight:
             if ca.depends_on(block, xi):
                 implicit.extend(group)
                 continue
-            at_rest = ca.substitute(residual[group], xi[group], ca.SX.zeros(len(group), 1))
-            velocity[group] = -solve_linear(block, at_rest)
+            at_rest = ca.substitute(residual[group, 0], xi[group, 0], ca.SX.zeros(len(group), 1))
+            velocity[group, 0] = -solve_linear(block, at_rest)
         implicit.sort()
-        update = solve_linear(jacobian[implicit, implicit], residual[implicit])
-        velocity[implicit] = xi[implicit] - update
+        update = solve_linear(jacobian[implicit, implicit], residual[implicit, 0])
+        velocity[implicit, 0] = xi[implicit, 0] - update
         arrow = h * velocity
         target = e.target(x0, arrow)
         by_velocity = self._gradients(x0, target, velocity, h, theta)[2]
         return Flight(
-            unknowns=xi[implicit],
+            unknowns=xi[implicit, 0],
             implicit=tuple(implicit),
             update=update,
-            work=ca.sum1(ca.fabs(residual[implicit] * update)),
+            work=ca.sum1(ca.fabs(residual[implicit, 0] * update)),
             velocity=velocity,
             arrow=arrow,
             target=target,

@@ -122,7 +122,7 @@ def two_step_program(
         quadratic=True,
         next_state=next_state,
         arrow_velocities=flight.velocity,
-        first_guess=guess[list(flight.implicit)],
+        first_guess=guess[list(flight.implicit), 0],
         first_carried=ca.SX(0, 1),
         layout=layout,
         guards=tuple(guards),
@@ -221,7 +221,7 @@ def projected_program(
         next_state=next_state,
         arrow_velocities=ca.vertcat(outward.velocity, homeward.velocity),
         first_guess=ca.vertcat(
-            guess[list(outward.implicit)], guess[list(homeward.implicit)], ca.SX.zeros(m, 1)
+            guess[list(outward.implicit), 0], guess[list(homeward.implicit), 0], ca.SX.zeros(m, 1)
         ),
         first_carried=search.first_carried,
         layout=layout,

@@ -16,7 +16,8 @@ typedef struct {
 
 static body make_body(const double *p)
 {
-    body b = {{p[0], p[1], p[2]}, {p[1], p[3], p[4]}, {p[2], p[4], p[5]}, {p[6], p[7], p[8]}};
+    body b = {.first = {p[0], p[1], p[2]}, .second = {p[1], p[3], p[4]},
+              .third = {p[2], p[4], p[5]}, .mu = {p[6], p[7], p[8]}};
     b.raised = solve(b.first, b.second, b.third, b.mu);
     b.gram = dot(b.mu, b.raised);
     return b;

@@ -1,0 +1,470 @@
+"""What one step costs, against hand-written C; and what a process costs from start to end.
+
+    python tests/benchmarks/step_cost.py [--steps N] [--repeats N] [--quick]
+
+All contenders run in one process on one core, interleaved; ratios are of the smallest times. The C
+(``c/*.c``) is the same scheme with the same stopping rule, and ends at the same state: that is
+checked before anything is timed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import json
+import os
+import platform
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+if __name__ == "__main__":  # also from a checkout that is not installed
+    sys.path.insert(0, str(ROOT))
+
+import groupoid_gni as gni  # noqa: E402
+from groupoid_gni.codegen import newton_rule as rule  # noqa: E402
+from groupoid_gni.discretization.step_program import HISTORY  # noqa: E402
+from groupoid_gni.integrators import compiled_step  # noqa: E402
+
+C_FLAGS = {"C -O2": ["-O2"], "C -O2 native": ["-O2", "-march=native"]}
+METHODS = {"rattle": gni.Rattle(), "projected": gni.GNI()}
+C_ENTRY = {"rattle": "two-step Rattle()", "projected": "projected GNI()"}
+AIM, MOST = 1.0, 1.5
+COLD_LIMITS = {"empty cache": 0.6, "warm cache": 0.4}
+AGREEMENT_STEPS = 1000
+
+
+# The three systems.
+
+
+@dataclass(frozen=True)
+class Case:
+    """One system, on its groupoid or on the same groupoid with its closed forms forgotten.
+
+    source : file in ``c/``.  make : groupoid -> system.  start : base, velocity (projected).
+    step, burst : step size, and steps from the start after which a run begins again; two of the
+        systems settle, and a settled body would be timed with one iteration per step.
+    c_parameters : what the C reads.  variants : further C, name -> flags.
+    """
+
+    name: str
+    source: str
+    space: gni.LieGroupoid
+    make: Callable[[gni.LieGroupoid], gni.MechanicalSystem]
+    base: Any
+    velocity: Any
+    step: float
+    burst: int
+    c_parameters: tuple[float, ...]
+    variants: tuple[tuple[str, tuple[str, ...]], ...] = ()
+
+    def system(self, derived: bool = False) -> gni.MechanicalSystem:
+        """The system; ``derived`` without the closed forms of its groupoid."""
+        return self.make(gni.DerivedGroupoid(self.space) if derived else self.space)
+
+
+def rigid_body() -> Case:
+    """Rigid body on SO(3) with a full inertia matrix and one awkward constraint (Suslov)."""
+    inertia = np.array([[1.7, 0.2, -0.1], [0.2, 2.3, 0.3], [-0.1, 0.3, 3.1]])
+    mu = np.array([[0.3, -0.5, 1.0]])
+
+    def make(space: gni.LieGroupoid) -> gni.MechanicalSystem:
+        return gni.MechanicalSystem(
+            space,
+            metric=lambda x, p: p.J,
+            constraints=lambda x, p: p.mu,
+            parameters={"J": inertia, "mu": mu},
+        )
+
+    upper = inertia[np.triu_indices(3)]
+    return Case(
+        "rigid body, SO(3)", "rigid_body.c", gni.SO3(retraction=gni.Cayley()), make,
+        None, [1.0, -0.7, 0.4], 0.02, 1000, (*upper, *mu[0]),
+    )
+
+
+def sleigh() -> Case:
+    """Chaplygin sleigh on SE(2), from a start near its unstable motion."""
+    scene = gni.scenes.chaplygin_sleigh()
+    p = scene.system.parameters
+
+    def make(space: gni.LieGroupoid) -> gni.MechanicalSystem:
+        return gni.MechanicalSystem(
+            space,
+            metric=lambda x, p: np.array(
+                [[p.J + p.m * p.a**2, 0.0, p.m * p.a], [0.0, p.m, 0.0], [p.m * p.a, 0.0, p.m]]
+            ),
+            constraints=[[0.0, 0.0, 1.0]],
+            parameters=scene.system.parameters,
+        )
+
+    return Case(
+        "sleigh, SE(2)", "sleigh.c", scene.system.space, make,
+        None, scene.start.velocity, 0.02, 1000, (float(p["m"]), float(p["J"]), float(p["a"])),
+    )
+
+
+def ball() -> Case:
+    """Inhomogeneous ball on a rotating table, R^2 x SO(3) in the body frame."""
+    scene = gni.scenes.inhomogeneous_ball()
+    p = scene.system.parameters
+
+    def make(space: gni.LieGroupoid) -> gni.MechanicalSystem:
+        return gni.MechanicalSystem(
+            space,
+            metric=lambda x, p: np.diag([p.m, p.m, p.I[0], p.I[1], p.I[2]]),
+            constraints=lambda x, p: np.array(
+                [
+                    [1.0, 0.0, -p.r * x[5], -p.r * x[6], -p.r * x[7]],
+                    [0.0, 1.0, p.r * x[2], p.r * x[3], p.r * x[4]],
+                ]
+            ),
+            drift=lambda x, p: np.array([-p.Theta * x[1], p.Theta * x[0], 0.0, 0.0, 0.0]),
+            parameters=scene.system.parameters,
+        )
+
+    return Case(
+        "inhomogeneous ball, R^2 x SO(3)", "ball.c", scene.system.space, make,
+        scene.start.base, scene.start.velocity, 0.05, 1000,
+        (float(p["m"]), float(p["r"]), *p["I"], float(p["Theta"])),
+        (("two rows of R", ("-DTWO_ROWS",)),),
+    )
+
+
+CASES = (rigid_body, sleigh, ball)
+
+
+# Contenders: functions that go from the start over a number of steps.
+
+
+@dataclass(frozen=True)
+class Contender:
+    """``run(steps)`` goes from the start and returns seconds, final base and momentum, iterations.
+
+    Only the call of the compiled loop lies inside the measured seconds; nothing is saved but the
+    last node.
+    """
+
+    name: str
+    run: Callable[[int], tuple[float, np.ndarray, int]]
+
+
+class Problem:
+    """One case with one method: the start in numbers, shared by all contenders."""
+
+    def __init__(self, case: Case, scheme: str) -> None:
+        self.case, self.scheme, self.method = case, scheme, METHODS[scheme]
+        self.system = case.system()
+        self.start = self.system.state(case.base, case.velocity, project_start=True)
+        run = gni.integrate(self.system, self.start, step=case.step, n_steps=1, method=self.method)
+        self.state = run.rows[0, : run.layout.size].copy()
+        self.layout = run.layout
+
+    def library(self, name: str, derived: bool) -> Contender:
+        """The library's machine code, called as the library calls it."""
+        system = self.case.system(derived)
+        runner = compiled_step(system, self.method, self.start.active_rows)
+        scales = np.diag(_gram(system, self.start.base))
+        parameters = np.concatenate([system.parameter_vector, [self.case.step], scales])
+        begin = runner.begin(parameters, self.state)
+        pointer, integer = ctypes.c_void_p, ctypes.c_int64
+        kinds = [pointer] * 5 + [integer] * 3
+        advance = runner.code.function("advance", *kinds, returns=integer)
+        rows, status = np.empty((1, runner.program.row_size)), np.zeros(2, dtype=np.int64)
+
+        def run(steps: int) -> tuple[float, np.ndarray, int]:
+            state, memory = begin.state.copy(), begin.memory.copy()
+            given = [a.ctypes.data for a in (parameters, state, memory, rows, status)]
+            began = time.perf_counter()
+            done = advance(*given, 0, steps, steps)
+            seconds = time.perf_counter() - began
+            if done != steps:
+                raise RuntimeError(f"{name}: stopped after {done} steps, outcome {status[0]}")
+            slices = self.layout.slices
+            end = np.concatenate([state[slices["base"]], state[slices["after"]]])
+            return seconds, end, int(memory[-1])
+
+        return Contender(name, run)
+
+    def integrate(self) -> Contender:
+        """The public function, with its chunks and checks: ``run.seconds``."""
+
+        def run(steps: int) -> tuple[float, np.ndarray, int]:
+            result = gni.integrate(
+                self.system, self.start, step=self.case.step, n_steps=steps,
+                method=self.method, save_every=steps,
+            )
+            end = np.concatenate([result.base[-1], result.momenta_after[-1]])
+            return result.seconds, end, int(result.newton_iterations[-1])
+
+        return Contender("integrate", run)
+
+    def c(self, name: str, library: Path) -> Contender:
+        """Hand-written C in a shared library."""
+        function = getattr(ctypes.CDLL(str(library)), self.scheme)
+        function.restype = ctypes.c_int64
+        function.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_void_p, ctypes.c_int64]
+        parameters = np.array(self.case.c_parameters)
+        slices = self.layout.slices
+        begin = np.concatenate([self.state[slices["base"]], self.state[slices["after"]]])
+
+        def run(steps: int) -> tuple[float, np.ndarray, int]:
+            state = begin.copy()
+            given = parameters.ctypes.data, self.case.step, state.ctypes.data, steps
+            began = time.perf_counter()
+            iterations = function(*given)
+            seconds = time.perf_counter() - began
+            if iterations < 0:
+                raise RuntimeError(f"{name}: Newton failed")
+            return seconds, state, iterations
+
+        return Contender(name, run)
+
+
+def _gram(system: gni.MechanicalSystem, base: np.ndarray) -> np.ndarray:
+    mu = system.evaluate("constraints", base)
+    return mu @ np.linalg.solve(system.evaluate("metric", base), mu.T)
+
+
+# Compiling the C.
+
+
+def c_compiler() -> str | None:
+    """The path of ``cc``, or None."""
+    return shutil.which("cc")
+
+
+def compile_c(source: str, flags: list[str], folder: Path) -> Path:
+    """A shared library of ``c/source``; the numbers of the stopping rule are passed in."""
+    names = (
+        "AT_ROUND_OFF", "PREDICTED", "BEFORE_FIRST", "STAGNATION", "STAGNATION_LEVEL",
+        "MAX_ITERATIONS", "TINY",
+    )
+    weights = ", ".join(repr(w) for w in rule.EXTRAPOLATION)
+    macros = [f"-D{name}={getattr(rule, name)!r}" for name in names]
+    macros += [f"-DHISTORY={HISTORY}", f"-DEXTRAPOLATION={{{weights}}}"]
+    label = "_".join(flag.strip("-").replace("=", "-") for flag in flags)
+    target = folder / f"{Path(source).stem}_{label}.so"
+    command = [str(c_compiler()), *flags, "-shared", "-fPIC", *macros]
+    subprocess.run([*command, str(HERE / "c" / source), "-o", str(target), "-lm"], check=True)
+    return target
+
+
+def c_contenders(problem: Problem, folder: Path) -> list[Contender]:
+    """The C of the problem's case in both flag sets, and its variants at both."""
+    contenders = []
+    for variant, extra in (("", ()), *problem.case.variants):
+        for name, flags in C_FLAGS.items():
+            library = compile_c(problem.case.source, [*flags, *extra], folder)
+            contenders.append(problem.c(f"{name}, {variant}" if variant else name, library))
+    return contenders
+
+
+# Agreement and timing.
+
+
+def relative_difference(first: np.ndarray, second: np.ndarray) -> float:
+    """Largest difference of two end states, relative to the larger of 1 and their size."""
+    return float(np.max(np.abs(first - second)) / max(1.0, np.max(np.abs(second))))
+
+
+def agreement(problem: Problem, contenders: list[Contender]) -> dict[str, tuple[float, int]]:
+    """Difference of every contender's end state from the library's, and its iterations."""
+    _, reference, iterations = problem.library("library", derived=False).run(AGREEMENT_STEPS)
+    result = {"library": (0.0, iterations)}
+    for contender in contenders:
+        _, end, iterations = contender.run(AGREEMENT_STEPS)
+        result[contender.name] = (relative_difference(end, reference), iterations)
+    return result
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Nanoseconds per step over the repeats."""
+
+    smallest: float
+    median: float
+
+
+def interleaved(
+    contenders: list[Contender], steps: int, repeats: int, burst: int
+) -> dict[str, Cost]:
+    """Time the contenders in turns; each turn is ``steps`` steps in bursts from the start."""
+    bursts = max(1, steps // burst)
+    seconds: dict[str, list[float]] = {c.name: [] for c in contenders}
+    for _ in range(repeats):
+        for contender in contenders:
+            spent = sum(contender.run(burst)[0] for _ in range(bursts))
+            seconds[contender.name].append(spent / (bursts * burst))
+    return {
+        name: Cost(1e9 * min(values), 1e9 * statistics.median(values))
+        for name, values in seconds.items()
+    }
+
+
+@contextmanager
+def one_core() -> Iterator[str]:
+    """Pin this process to the last core it may use; yields a description."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield "not pinned: this system cannot"
+        return
+    allowed = os.sched_getaffinity(0)
+    core = max(allowed)
+    os.sched_setaffinity(0, {core})
+    try:
+        yield f"pinned to core {core}"
+    finally:
+        os.sched_setaffinity(0, allowed)
+
+
+# Process start to 10^4 ball steps.
+
+_CHILD = """
+import json, time
+began = time.perf_counter()
+import groupoid_gni as gni
+imported = time.perf_counter()
+scene = gni.scenes.{scene}()
+recorded = time.perf_counter()
+code = scene.system.compiled()
+compiled = time.perf_counter()
+run = gni.integrate(scene.system, scene.start, step=0.01, n_steps=10_000)
+ended = time.perf_counter()
+assert run.success and len(run) == 10_001
+print(json.dumps({{
+    "import": imported - began, "scene": recorded - imported, "step, code": compiled - recorded,
+    "run": ended - compiled, "from cache": code.from_cache,
+}}))
+"""
+
+
+def timed_process(code: str, cache: Path | None = None) -> tuple[float, dict[str, Any]]:
+    """Seconds of ``python -c code`` from start to end, and the JSON it printed."""
+    environment = dict(os.environ, PYTHONPATH=str(ROOT))
+    if cache is not None:
+        environment["GROUPOID_GNI_CACHE"] = str(cache)
+    began = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+    )
+    return time.perf_counter() - began, json.loads(done.stdout or "{}")
+
+
+def cold_starts(scene: str, repeats: int) -> dict[str, list[tuple[float, dict[str, Any]]]]:
+    """Processes with an empty cache and then with the one they left behind."""
+    code = _CHILD.format(scene=scene)
+    result: dict[str, list[tuple[float, dict[str, Any]]]] = {name: [] for name in COLD_LIMITS}
+    for _ in range(repeats):
+        with tempfile.TemporaryDirectory() as folder:
+            for name in COLD_LIMITS:
+                result[name].append(timed_process(code, Path(folder)))
+    return result
+
+
+# What is printed.
+
+
+def report_machine() -> None:
+    """Processor, compilers, versions: what the numbers below belong to."""
+    import casadi
+    import llvmlite
+
+    model = platform.processor() or platform.machine()
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.exists():
+        lines = cpuinfo.read_text().splitlines()
+        model = next((t.split(":")[1].strip() for t in lines if "model name" in t), model)
+    print(f"{model}; Python {platform.python_version()}, numpy {np.__version__}, "
+          f"casadi {casadi.__version__}, llvmlite {llvmlite.__version__}")
+    if compiler := c_compiler():
+        version = subprocess.run([compiler, "--version"], capture_output=True, text=True)
+        print("cc:", version.stdout.splitlines()[0])
+    else:
+        print("cc: no C compiler found; the comparison with C is left out")
+
+
+def report_problem(problem: Problem, folder: Path, steps: int, repeats: int) -> None:
+    """Agreement and cost of one system with one method."""
+    case = problem.case
+    written = c_contenders(problem, folder) if c_compiler() else []
+    derived = problem.library("purely derived", derived=True)
+    reached = agreement(problem, [*written, derived])
+    contenders = [*written, problem.library("library", derived=False), derived,
+                  problem.integrate()]
+    costs = interleaved(contenders, steps, repeats, case.burst)
+    main = [costs[name].smallest for name in C_FLAGS if name in costs]
+    print(f"\n{case.name}, {C_ENTRY[problem.scheme]}, h = {case.step}, "
+          f"{case.burst} steps from the start again and again")
+    print(f"  {'':30s}{'min':>8s}{'median':>8s}  {'ratio':>6s}  "
+          f"{'iterations':>10s}  differs after {AGREEMENT_STEPS} steps by")
+    for name, cost in costs.items():
+        ratio = f"{cost.smallest / min(main):6.2f}" if main else "     -"
+        line = f"  {name:30s}{cost.smallest:8.1f}{cost.median:8.1f}  {ratio}"
+        if name in reached:
+            difference, iterations = reached[name]
+            line += f"  {iterations / AGREEMENT_STEPS:10.3f}  {difference:.1e}"
+        print(line)
+    if main:
+        ratio = costs["library"].smallest / min(main)
+        verdict = "within" if ratio <= MOST else "BEYOND"
+        print(f"  library / better C = {ratio:.2f} (aim {AIM}, at most {MOST}: {verdict}); "
+              f"purely derived / better C = "
+              f"{costs['purely derived'].smallest / min(main):.2f}")
+
+
+def report_steps(steps: int, repeats: int) -> None:
+    """All systems and methods, ns per step."""
+    with one_core() as where, tempfile.TemporaryDirectory() as folder:
+        print(f"\nNanoseconds per step, {repeats} interleaved turns of {steps} steps, {where}")
+        for case in CASES:
+            for scheme in METHODS:
+                report_problem(Problem(case(), scheme), Path(folder), steps, repeats)
+
+
+def report_cold_starts(repeats: int) -> None:
+    """Process start to 10^4 finished ball steps, default method."""
+    print(f"\nSeconds from process start to 10^4 finished steps, {repeats} processes each")
+    imports = [timed_process("import numpy, casadi")[0] for _ in range(repeats)]
+    label = 'python -c "import numpy, casadi"'
+    print(f"  {label:40s} min {min(imports):.3f}  "
+          f"median {statistics.median(imports):.3f}")
+    for scene in ("rolling_ball", "inhomogeneous_ball"):
+        for name, runs in cold_starts(scene, repeats).items():
+            seconds = [total for total, _ in runs]
+            total, parts = min(runs, key=lambda r: r[0])
+            verdict = "within" if statistics.median(seconds) <= COLD_LIMITS[name] else "BEYOND"
+            print(f"  {scene + ', ' + name:40s} min {total:.3f}  "
+                  f"median {statistics.median(seconds):.3f}  "
+                  f"(at most {COLD_LIMITS[name]}: {verdict})")
+            print("      fastest: " + ", ".join(
+                f"{key} {value:.3f}" if isinstance(value, float) else f"{key}: {value}"
+                for key, value in parts.items()))
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Print everything."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--steps", type=int, default=20_000, help="steps per turn")
+    parser.add_argument("--repeats", type=int, default=40, help="turns, and processes / 4")
+    parser.add_argument("--quick", action="store_true", help="few turns, for a look")
+    options = parser.parse_args(arguments)
+    steps, repeats = (2_000, 10) if options.quick else (options.steps, options.repeats)
+    report_machine()
+    report_steps(steps, repeats)
+    report_cold_starts(max(2, repeats // 4))
+
+
+if __name__ == "__main__":
+    main()
