@@ -66,10 +66,16 @@ class Emitter:
     """Writes lines of IR; hands out fresh value names.
 
     lanes : W.  fused : whether the processor multiplies and adds in one rounding.
+    longest_block : lines after which a basic block is cut; 0 never cuts. Very large straight-line
+        blocks make the code generator superlinear.
+    block : name of the block being written; phi nodes need the name a branch really leaves from.
     """
 
-    def __init__(self, lanes: int = 1, fused: bool = True) -> None:
+    def __init__(self, lanes: int = 1, fused: bool = True, longest_block: int = 0) -> None:
         self.lanes = lanes
+        self.longest_block = longest_block
+        self.block = "entry"
+        self._block_start = 0
         self.fused = fused
         self.type = "double" if lanes == 1 else f"<{lanes} x double>"
         self.flag_type = "i1" if lanes == 1 else f"<{lanes} x i1>"
@@ -97,6 +103,15 @@ class Emitter:
     def label(self, name: str) -> None:
         """Open a basic block."""
         self.lines.append(f"{name}:")
+        self.block = name
+        self._block_start = len(self.lines)
+
+    def cut_if_long(self) -> None:
+        """Go on in a new basic block when the current one has grown long."""
+        if self.longest_block and len(self.lines) - self._block_start > self.longest_block:
+            name = f"cut{len(self.lines)}"
+            self.line(f"br label %{name}")
+            self.label(name)
 
     def assign(self, text: str) -> str:
         """Append ``%new = text`` and return the new name."""
@@ -204,6 +219,7 @@ class Values:
                 continue
             operation = self.tape.operations[i]
             if operation.code not in (ca.OP_CONST, ca.OP_INPUT):
+                self.emitter.cut_if_long()
                 self._emit_one(i, operation)
 
     def _emit_one(self, i: int, operation: Operation) -> None:

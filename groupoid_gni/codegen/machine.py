@@ -17,7 +17,8 @@ from typing import Any
 import llvmlite
 import llvmlite.binding as llvm
 
-_LARGE_MODULE = 5000
+LARGE_PROGRAM = 5000
+"""Operations above which code is generated without optimisation, in short basic blocks."""
 _CACHE_VARIABLE = "GROUPOID_GNI_CACHE"
 
 
@@ -85,7 +86,7 @@ def _write(path: Path, code: bytes) -> None:
 
 def _optimisation_level(ir: str) -> int:
     # straight-line code compiles in seconds above this size at level 2, in tenths at level 0
-    return 0 if ir.count("\n") > _LARGE_MODULE else 2
+    return 0 if ir.count("\n") > LARGE_PROGRAM else 2
 
 
 class MachineCode:

@@ -14,6 +14,7 @@ import casadi as ca
 from groupoid_gni.codegen import newton_rule as rule
 from groupoid_gni.codegen.elementary import sine_cosine_function
 from groupoid_gni.codegen.emitter import Emitter, Values
+from groupoid_gni.codegen.machine import LARGE_PROGRAM
 from groupoid_gni.codegen.tape import Tape
 from groupoid_gni.discretization.step_program import HISTORY, StepProgram
 from groupoid_gni.outcomes import Outcome
@@ -21,6 +22,7 @@ from groupoid_gni.outcomes import Outcome
 _UPDATE, _CARRIED, _MEASURE, _NEXT, _ARROWS, _GUARDS = range(6)
 _CONSTANT, _PARAMETER, _STATE = range(3)
 _ITERATED = (3, 4, 5)
+_BLOCK_LENGTH = 500
 
 
 def step_function(program: StepProgram) -> ca.Function:
@@ -51,7 +53,7 @@ def step_kernel_ir(program: StepProgram, lanes: int, fused: bool) -> str:
 def field_ir(function: ca.Function, lanes: int, fused: bool) -> str:
     """IR text of a module with ``@evaluate(first input, second input, output)``."""
     tape = Tape.of(function).fused()
-    e = Emitter(lanes, fused)
+    e = Emitter(lanes, fused, _block_length(tape))
     values = Values(tape, e)
     for number, pointer in enumerate(("%first", "%second")):
         size = function.numel_in(number)
@@ -70,6 +72,10 @@ def _module(e: Emitter, lines: list[str]) -> str:
     parts = [*(elementary if used else []), *lines]
     needed = e.declarations | (declarations if used else set())
     return "\n".join([*parts, *sorted(needed)]) + "\n"
+
+
+def _block_length(tape: Tape) -> int:
+    return _BLOCK_LENGTH if len(tape.operations) > LARGE_PROGRAM else 0
 
 
 def _load(e: Emitter, pointer: str, index: int) -> str:
@@ -93,8 +99,8 @@ class _StepKernel:
 
     def __init__(self, program: StepProgram, lanes: int, fused: bool) -> None:
         self.program = program
-        self.e = Emitter(lanes, fused)
         self.tape = Tape.of(step_function(program)).fused()
+        self.e = Emitter(lanes, fused, _block_length(self.tape))
         self.state_size = program.layout.size
         self.unknown_size = program.unknowns.numel()
         self.memory_size = program.memory_size
@@ -136,6 +142,7 @@ class _StepKernel:
             self.start_alive = self._alive_from_status()
         done_before = e.assign("srem i64 %first, %every")
         self.first_due = e.assign(f"sub i64 %every, {done_before}")
+        self.entry_end = e.block
         e.line("br label %head")
 
     def _alive_from_status(self) -> str:
@@ -168,6 +175,7 @@ class _StepKernel:
         needed = self.tape.needed([_UPDATE, _CARRIED, _MEASURE])
         self.values.emit(needed, [_STATE])
         starts = [*[self._extrapolate(i) for i in range(n)], *self.memory[HISTORY * n : -1]]
+        step_end = e.block
         e.line("br label %newton")
         e.label("newton")
         self._place_phis("newton")
@@ -179,14 +187,16 @@ class _StepKernel:
         inner.bind_input(4, [later])
         inner.emit(needed, _ITERATED)
         new, error, total, busy = self._iterate(inner, names)
+        newton_end = e.block
+        self._branch_after_iteration(busy)
         for name, start, following in zip(names, starts, new, strict=True):
-            self._phi("newton", name, e.type, (start, "step"), (following, "newton"))
-        first = e.constant(rule.BEFORE_FIRST)
-        self._phi("newton", "%j", "i64", ("0", "step"), ("%j1", "newton"))
-        self._phi("newton", "%t", e.type, (first, "step"), (error, "newton"))
-        self._phi("newton", "%total", e.type, (self.memory[-1], "step"), (total, "newton"))
+            self._phi("newton", name, e.type, (start, step_end), (following, newton_end))
+        first, count = e.constant(rule.BEFORE_FIRST), self.memory[-1]
+        self._phi("newton", "%j", "i64", ("0", step_end), ("%j1", newton_end))
+        self._phi("newton", "%t", e.type, (first, step_end), (error, newton_end))
+        self._phi("newton", "%total", e.type, (count, step_end), (total, newton_end))
         if e.lanes > 1:
-            self._phi("newton", "%busy", e.flag_type, ("%alive", "step"), (busy, "newton"))
+            self._phi("newton", "%busy", e.flag_type, ("%alive", step_end), (busy, newton_end))
         e.label("settled")
         converged = busy if e.lanes == 1 else self._not(busy)
         return inner, [*new[:n], *self.memory[: (HISTORY - 1) * n], *new[n:], total], converged
@@ -232,19 +242,25 @@ class _StepKernel:
         one = e.constant(1.0)
         if e.lanes == 1:
             total = e.binary("fadd", "%total", one)
-            keep_going = self._not(flag)
         else:
             new = [e.select("%busy", name, u) for u, name in zip(unknowns, new, strict=True)]
             error = e.select("%busy", error, "%t")
             total = e.binary("fadd", "%total", e.select("%busy", one, e.constant(0.0)))
             flag = e.assign(f"and {e.flag_type} %busy, {self._not(flag)}")
+        return new, error, total, flag
+
+    def _branch_after_iteration(self, flag: str) -> None:
+        """Go round again while any lane is unfinished and iterations are left."""
+        e = self.e
+        if e.lanes == 1:
+            keep_going = self._not(flag)
+        else:
             bits = e.assign(f"bitcast {e.flag_type} {flag} to i{e.lanes}")
             keep_going = e.assign(f"icmp ne i{e.lanes} {bits}, 0")
         e.line("%j1 = add i64 %j, 1")
         left = e.assign(f"icmp slt i64 %j1, {rule.MAX_ITERATIONS}")
         again = e.assign(f"and i1 {keep_going}, {left}")
         e.line(f"br i1 {again}, label %newton, label %settled")
-        return new, error, total, flag
 
     def _finished(self, error: str) -> str:
         """``newton_rule.finished`` as flags."""
@@ -283,9 +299,10 @@ class _StepKernel:
 
     def _close_head(self, new: list[str], memory: list[str]) -> None:
         e = self.e
-        self._phi("head", "%k", "i64", ("0", "entry"), ("%k1", "saved"))
-        self._phi("head", "%due", "i64", (self.first_due, "entry"), ("%due1", "saved"))
-        self._phi("head", "%row", "ptr", ("%rows", "entry"), ("%row1", "saved"))
+        entry = self.entry_end
+        self._phi("head", "%k", "i64", ("0", entry), ("%k1", "saved"))
+        self._phi("head", "%due", "i64", (self.first_due, entry), ("%due1", "saved"))
+        self._phi("head", "%row", "ptr", ("%rows", entry), ("%row1", "saved"))
         carried = zip(
             [*self.state, *self.memory],
             [*self.start_state, *self.start_memory],
@@ -293,11 +310,10 @@ class _StepKernel:
             strict=True,
         )
         for name, start, following in carried:
-            self._phi("head", name, e.type, (start, "entry"), (following, "saved"))
+            self._phi("head", name, e.type, (start, entry), (following, "saved"))
         if e.lanes > 1:
-            self._phi(
-                "head", "%alive", e.flag_type, (self.start_alive, "entry"), ("%alive1", "saved")
-            )
+            alive = ((self.start_alive, entry), ("%alive1", "saved"))
+            self._phi("head", "%alive", e.flag_type, *alive)
 
     def _checks(self, values: Values, new: list[str], converged: str | None) -> tuple[str, str]:
         """Flag that the step is good, and the outcome code in case it is not."""

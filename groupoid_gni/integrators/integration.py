@@ -72,7 +72,7 @@ def integrate(
 
         if reconstruct is not None:
             raise InputError("ReferenceFlow has no arrows to reconstruct from; use GNI()")
-        run = integrate_reference(system, state, h, n, method, every, progress)
+        run = integrate_reference(system, state, h, n, method, every, progress, compile)
     else:
         pose = checked_pose(system, state, reconstruct)
         run = run_steps(system, state, h, n, method, every, pose, compile, progress)

@@ -26,6 +26,7 @@ def integrate_reference(
     method: ReferenceFlow,
     every: int,
     progress: bool,
+    compile: bool,
 ) -> Trajectory:
     """Nodes ``k h`` of the solution of the equations of motion; a failure keeps the good nodes."""
     from scipy.integrate import DOP853
@@ -33,7 +34,7 @@ def integrate_reference(
     n, r = system.space.base_size, system.space.rank
     layout = StateLayout.of({"base": n, "after": r}, aliases={"before": "after"})
     check_memory(count // every + 2, layout.size + 1)
-    field = _compiled_field(system, start.active_rows)
+    field = _field(system, start.active_rows, compile)
     theta = system.parameter_vector
     steps = np.unique(np.append(np.arange(0, count + 1, every), count))
     rows = np.zeros((len(steps), n + r + 1))
@@ -86,9 +87,13 @@ def _nodes_reached(steps: np.ndarray, h: float, filled: int, t: float) -> int:
     return filled + int(beyond)
 
 
-def _compiled_field(system: MechanicalSystem, active_rows: tuple[int, ...]) -> Any:
-    key = ("field", active_rows)
+def _field(system: MechanicalSystem, active_rows: tuple[int, ...], compile: bool) -> Any:
+    """The equations of motion (theta, y) -> y', as machine code or through CasADi."""
+    key = ("field", active_rows, compile)
     if key not in system._compiled:
         function = reference_field(SystemExpressions(system, active_rows))
-        system._compiled[key] = compile_field(function)
+        if compile:
+            system._compiled[key] = compile_field(function)
+        else:
+            system._compiled[key] = lambda theta, y: np.array(function(theta, y)).ravel()
     return system._compiled[key]

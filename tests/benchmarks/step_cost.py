@@ -167,14 +167,17 @@ class Problem:
     def __init__(self, case: Case, scheme: str) -> None:
         self.case, self.scheme, self.method = case, scheme, METHODS[scheme]
         self.system = case.system()
+        self.derived = case.system(derived=True)
         self.start = self.system.state(case.base, case.velocity, project_start=True)
         run = gni.integrate(self.system, self.start, step=case.step, n_steps=1, method=self.method)
         self.state = run.rows[0, : run.layout.size].copy()
         self.layout = run.layout
 
-    def library(self, name: str, derived: bool) -> Contender:
-        """The library's machine code, called as the library calls it."""
-        system = self.case.system(derived)
+    def library(self, name: str, system: gni.MechanicalSystem) -> Contender:
+        """The library's machine code, called as the library calls it.
+
+        ``system`` keeps the code loaded; it must be one that this problem holds.
+        """
         runner = compiled_step(system, self.method, self.start.active_rows)
         scales = np.diag(_gram(system, self.start.base))
         parameters = np.concatenate([system.parameter_vector, [self.case.step], scales])
@@ -282,7 +285,7 @@ def relative_difference(first: np.ndarray, second: np.ndarray) -> float:
 
 def agreement(problem: Problem, contenders: list[Contender]) -> dict[str, tuple[float, int]]:
     """Difference of every contender's end state from the library's, and its iterations."""
-    _, reference, iterations = problem.library("library", derived=False).run(AGREEMENT_STEPS)
+    _, reference, iterations = problem.library("library", problem.system).run(AGREEMENT_STEPS)
     result = {"library": (0.0, iterations)}
     for contender in contenders:
         _, end, iterations = contender.run(AGREEMENT_STEPS)
@@ -399,9 +402,9 @@ def report_problem(problem: Problem, folder: Path, steps: int, repeats: int) -> 
     """Agreement and cost of one system with one method."""
     case = problem.case
     written = c_contenders(problem, folder) if c_compiler() else []
-    derived = problem.library("purely derived", derived=True)
+    derived = problem.library("purely derived", problem.derived)
     reached = agreement(problem, [*written, derived])
-    contenders = [*written, problem.library("library", derived=False), derived,
+    contenders = [*written, problem.library("library", problem.system), derived,
                   problem.integrate()]
     costs = interleaved(contenders, steps, repeats, case.burst)
     main = [costs[name].smallest for name in C_FLAGS if name in costs]
