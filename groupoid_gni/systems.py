@@ -354,12 +354,16 @@ class MechanicalSystem:
     ) -> tuple[State, _Rows]:
         x = self._checked_base(base, velocity, project)
         v = _finite_vector("velocity", velocity, self.space.rank)
-        self._verify_recordings(x)
-        metric = self._checked_metric(x)
-        self._check_finite_terms(x)
-        rows = self._independent_rows(x, metric)
-        v = self._on_constraints(x, v, metric, rows.kept, project)
-        momentum = metric @ v + self.evaluate("gyroscopic", x)
+        # what is not finite is refused by name below, whatever NumPy was told to do about it
+        with np.errstate(all="ignore"):
+            self._verify_recordings(x)
+            metric = self._checked_metric(x)
+            self._check_finite_terms(x)
+            rows = self._independent_rows(x, metric)
+            v = self._on_constraints(x, v, metric, rows.kept, project)
+            momentum = metric @ v + self.evaluate("gyroscopic", x)
+        if not np.all(np.isfinite(momentum)):
+            raise InputError(f"the momentum G xi + A overflows {_place(x)}: {momentum}")
         return State(x, v, momentum, rows.kept), rows
 
     def _checked_base(
@@ -402,9 +406,8 @@ class MechanicalSystem:
             xi = size * rng.uniform(-1.0, 1.0, self.space.rank)
             points.append(np.asarray(self.space.target(self.space.retract(x, xi)), dtype=float))
         arguments = [(point, self.parameter_vector) for point in points]
-        with np.errstate(all="ignore"):
-            for name in self._plain:
-                verify(self.recorded(name), self._with_flat_parameters(name), arguments)
+        for name in self._plain:
+            verify(self.recorded(name), self._with_flat_parameters(name), arguments)
 
     def _check_finite_terms(self, x: FloatArray) -> None:
         """The terms of the Lagrangian and of the constraints must be finite at the start."""

@@ -1,7 +1,7 @@
 """Operations of a tape as LLVM IR, over W lanes.
 
 Every value is a ``double`` (one lane) or a ``<W x double>``. No fast-math and no contraction by the
-compiler: fused products are written out (``Tape.fused``), so the bits are the same for every W.
+compiler: fused products are written out (``Tape.optimised``), so the bits are the same for every W.
 Sine and cosine are our own polynomials for the same reason; other transcendental functions go to
 the C library one lane at a time.
 """

@@ -52,7 +52,7 @@ def step_kernel_ir(program: StepProgram, lanes: int, fused: bool) -> str:
 
 def field_ir(function: ca.Function, lanes: int, fused: bool) -> str:
     """IR text of a module with ``@evaluate(first input, second input, output)``."""
-    tape = Tape.of(function).fused()
+    tape = Tape.of(function).optimised()
     e = Emitter(lanes, fused, _block_length(tape))
     values = Values(tape, e)
     for number, pointer in enumerate(("%first", "%second")):
@@ -99,7 +99,7 @@ class _StepKernel:
 
     def __init__(self, program: StepProgram, lanes: int, fused: bool) -> None:
         self.program = program
-        self.tape = Tape.of(step_function(program)).fused()
+        self.tape = Tape.of(step_function(program)).optimised()
         self.e = Emitter(lanes, fused, _block_length(self.tape))
         self.state_size = program.layout.size
         self.unknown_size = program.unknowns.numel()

@@ -88,7 +88,55 @@ class Tape:
                 stack.extend(operation.arguments)
         return [i for i, mark in enumerate(marked) if mark]
 
-    def fused(self) -> Tape:
+    def optimised(self) -> Tape:
+        """Fewer divisions, then fused products: what the emitter is given."""
+        return self._with_reciprocals()._fused()
+
+    def _with_reciprocals(self) -> Tape:
+        """Divide once and multiply where a denominator serves several quotients or is hoisted.
+
+        A denominator on a lower level than its quotient gets its reciprocal there, outside the
+        loop. A division costs as much as four to eight multiplications.
+        """
+        quotients: dict[int, list[int]] = {}
+        for i, operation in enumerate(self.operations):
+            if operation.code == ca.OP_DIV:
+                quotients.setdefault(operation.arguments[1], []).append(i)
+        operations: list[Operation] = []
+        levels: list[int] = []
+        place: list[int] = []
+        reciprocal: dict[int, int] = {}
+
+        def append(operation: Operation, level: int) -> int:
+            operations.append(operation)
+            levels.append(level)
+            return len(operations) - 1
+
+        for i, (operation, level) in enumerate(zip(self.operations, self.levels, strict=True)):
+            if operation.code == _INPUT:
+                place.append(append(operation, level))
+                continue
+            arguments = tuple(place[k] for k in operation.arguments)
+            if operation.code == ca.OP_DIV:
+                below = operation.arguments[1]
+                if len(quotients[below]) > 1 or self.levels[below] < level:
+                    if below not in reciprocal:
+                        inverse = self._inverse_of(below, place[below])
+                        reciprocal[below] = append(inverse, self.levels[below])
+                    operation = Operation(ca.OP_MUL, (arguments[0], reciprocal[below]))
+                    place.append(append(operation, level))
+                    continue
+            place.append(append(Operation(operation.code, arguments, operation.value), level))
+        outputs = tuple(tuple(place[k] for k in output) for output in self.outputs)
+        return Tape(tuple(operations), tuple(levels), outputs)
+
+    def _inverse_of(self, index: int, place: int) -> Operation:
+        operation = self.operations[index]
+        if operation.code == _CONST and operation.value != 0.0:
+            return Operation(_CONST, (), 1.0 / operation.value)
+        return Operation(ca.OP_INV, (place,))
+
+    def _fused(self) -> Tape:
         """The same computation with every product that feeds a single sum fused into it.
 
         Only products on the level of their sum are taken: a product that is hoisted out of a loop

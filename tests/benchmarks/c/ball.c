@@ -55,24 +55,24 @@ static ball make_ball(const double *p, double unit)
     return (ball){I, over, twist, 1.0 / p[0], p[1], unit * p[5]};
 }
 
-static inline vector by_entry(vector a, vector b)
+INLINE vector by_entry(vector a, vector b)
 {
     return (vector){a.x * b.x, a.y * b.y, a.z * b.z};
 }
 
-static inline vector turned(vector row, vector s, double factor)
+INLINE vector turned(vector row, vector s, double factor)
 {
     vector once = cross(row, s);
     return add(row, factor, add(once, 1.0, cross(once, s)));
 }
 
-static inline double cayley_factor(vector s)
+INLINE double cayley_factor(vector s)
 {
     return 2.0 / (1.0 + dot(s, s));
 }
 
 /* R - (R R^T - 1) R / 2, from the carried rows. */
-static inline rotation restored(rotation R)
+INLINE rotation restored(rotation R)
 {
     double aa = 0.5 - 0.5 * dot(R.a, R.a), bb = 0.5 - 0.5 * dot(R.b, R.b);
     double ab = -0.5 * dot(R.a, R.b);
@@ -87,7 +87,7 @@ static inline rotation restored(rotation R)
     return S;
 }
 
-static inline node node_at(const ball *g, double x, double y, vector a, vector b)
+INLINE node node_at(const ball *g, double x, double y, vector a, vector b)
 {
     node n = {.x = x, .y = y, .a = scaled(g->r, a), .b = scaled(g->r, b)};
     n.a_over = by_entry(n.a, g->inverse_inertia);
@@ -99,20 +99,20 @@ static inline node node_at(const ball *g, double x, double y, vector a, vector b
 }
 
 /* mu G^-1 p - mu Y */
-static inline pair violation(const ball *g, const node *n, momentum p)
+INLINE pair violation(const ball *g, const node *n, momentum p)
 {
     return (pair){g->inverse_mass * p.x - dot(n->b_over, p.spin) + g->theta * n->y,
                   g->inverse_mass * p.y + dot(n->a_over, p.spin) - g->theta * n->x};
 }
 
 /* p + mu^T lambda */
-static inline momentum pushed(const node *n, momentum p, pair lambda)
+INLINE momentum pushed(const node *n, momentum p, pair lambda)
 {
     return (momentum){p.x + lambda.first, p.y + lambda.second,
                       add(add(p.spin, -lambda.first, n->b), lambda.second, n->a)};
 }
 
-static inline momentum reflected(const ball *g, const node *n, momentum p)
+INLINE momentum reflected(const ball *g, const node *n, momentum p)
 {
     pair v = violation(g, n, p);
     double factor = -2.0 / (n->c11 * n->c22 - n->c12 * n->c12);
@@ -121,25 +121,25 @@ static inline momentum reflected(const ball *g, const node *n, momentum p)
     return pushed(n, p, lambda);
 }
 
-static inline lower inverse_cholesky(const node *n)
+INLINE lower inverse_cholesky(const node *n)
 {
     double det = n->c11 * n->c22 - n->c12 * n->c12;
     double over = 1.0 / n->c11, i11 = sqrt(over), i22 = sqrt(n->c11 / det);
     return (lower){i11, -n->c12 * over * i22, i22};
 }
 
-static inline pair times(lower l, pair v)
+INLINE pair times(lower l, pair v)
 {
     return (pair){l.i11 * v.first, l.i21 * v.first + l.i22 * v.second};
 }
 
-static inline pair transposed_times(lower l, pair v)
+INLINE pair transposed_times(lower l, pair v)
 {
     return (pair){l.i11 * v.first + l.i21 * v.second, l.i22 * v.second};
 }
 
 /* W^T v, W the orthogonal polar factor of the overlap L1^-1 (mu1 G^-1 mu0^T) L0^-T. */
-static inline pair matched(const ball *g, const node *n0, lower l0, const node *n1, lower l1,
+INLINE pair matched(const ball *g, const node *n0, lower l0, const node *n1, lower l1,
                            pair v)
 {
     double m11 = g->inverse_mass + dot(n1->b, n0->b_over), m12 = -dot(n1->b, n0->a_over);
@@ -155,7 +155,7 @@ static inline pair matched(const ball *g, const node *n0, lower l0, const node *
 }
 
 /* One Newton update of FL-(s) = m; pi = I s is updated with s. Adds to work and energy. */
-static inline void newton(const ball *g, vector m, vector *s, vector *pi, double *work,
+INLINE void newton(const ball *g, vector m, vector *s, vector *pi, double *work,
                           double *energy)
 {
     const vector t = g->twist;
@@ -176,7 +176,7 @@ static inline void newton(const ball *g, vector m, vector *s, vector *pi, double
     *energy += dot(*s, *pi);
 }
 
-static inline vector legendre_plus(const ball *g, vector s, vector pi)
+INLINE vector legendre_plus(const ball *g, vector s, vector pi)
 {
     vector twisted = {g->twist.x * s.y * s.z, g->twist.y * s.x * s.z, g->twist.z * s.x * s.y};
     return add(add(pi, -1.0, twisted), dot(s, pi), s);

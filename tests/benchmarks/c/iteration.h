@@ -8,11 +8,13 @@
 #include <math.h>
 #include <stdint.h>
 
+/* -O2 alone calls the larger helpers, which sends their arguments through memory */
+#define INLINE static inline __attribute__((always_inline))
 #define FAILED (-1)
 enum { MOST_UNKNOWNS = 8 };
 
 /* t = e^2 of the last update and of the one before. */
-static inline int finished(double now, double last, int quadratic)
+INLINE int finished(double now, double last, int quadratic)
 {
     int predicted = quadratic ? now * now * now <= PREDICTED * (last * last)
                               : now * now <= PREDICTED * last;
@@ -26,31 +28,35 @@ typedef struct {
     int newest;
 } warm_start;
 
-static inline void fill(warm_start *w, const double *values, int n)
+INLINE void fill(warm_start *w, const double *values, int n)
 {
     for (int k = 0; k < HISTORY; k++)
+#pragma GCC unroll 8
         for (int i = 0; i < n; i++)
             w->past[k][i] = values[i];
     w->newest = 0;
 }
 
-static inline void extrapolate(const warm_start *w, double *restrict guess, int n)
+INLINE void extrapolate(const warm_start *w, double *restrict guess, int n)
 {
     static const double weight[HISTORY] = EXTRAPOLATION;
     int row = w->newest;
+#pragma GCC unroll 8
     for (int i = 0; i < n; i++)
         guess[i] = weight[0] * w->past[row][i];
 #pragma GCC unroll 8
     for (int k = 1; k < HISTORY; k++) {
         row = row + 1 == HISTORY ? 0 : row + 1;
+#pragma GCC unroll 8
         for (int i = 0; i < n; i++)
             guess[i] += weight[k] * w->past[row][i];
     }
 }
 
-static inline void remember(warm_start *w, const double *values, int n)
+INLINE void remember(warm_start *w, const double *values, int n)
 {
     w->newest = (w->newest ? w->newest : HISTORY) - 1;
+#pragma GCC unroll 8
     for (int i = 0; i < n; i++)
         w->past[w->newest][i] = values[i];
 }
@@ -59,47 +65,47 @@ typedef struct {
     double x, y, z;
 } vector;
 
-static inline vector load(const double *a)
+INLINE vector load(const double *a)
 {
     return (vector){a[0], a[1], a[2]};
 }
 
-static inline void store(vector a, double *to)
+INLINE void store(vector a, double *to)
 {
     to[0] = a.x;
     to[1] = a.y;
     to[2] = a.z;
 }
 
-static inline double dot(vector a, vector b)
+INLINE double dot(vector a, vector b)
 {
     return a.x * b.x + a.y * b.y + a.z * b.z;
 }
 
-static inline vector cross(vector a, vector b)
+INLINE vector cross(vector a, vector b)
 {
     return (vector){a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
 
 /* a + c b */
-static inline vector add(vector a, double c, vector b)
+INLINE vector add(vector a, double c, vector b)
 {
     return (vector){a.x + c * b.x, a.y + c * b.y, a.z + c * b.z};
 }
 
-static inline vector scaled(double c, vector a)
+INLINE vector scaled(double c, vector a)
 {
     return (vector){c * a.x, c * a.y, c * a.z};
 }
 
 /* Sum of |a_i b_i|. */
-static inline double size(vector a, vector b)
+INLINE double size(vector a, vector b)
 {
     return fabs(a.x * b.x) + fabs(a.y * b.y) + fabs(a.z * b.z);
 }
 
 /* Solution of (a b c) u = r by Cramer's rule, for the columns a, b, c. */
-static inline vector solve(vector a, vector b, vector c, vector r)
+INLINE vector solve(vector a, vector b, vector c, vector r)
 {
     vector bc = cross(b, c);
     double inverse = 1.0 / dot(a, bc);
@@ -108,7 +114,7 @@ static inline vector solve(vector a, vector b, vector c, vector r)
 }
 
 /* Broyden's update of the inverse of a scalar slope: the secant. */
-static inline double secant(double inverse, double moved, double change, double energy)
+INLINE double secant(double inverse, double moved, double change, double energy)
 {
     int tells = moved * moved > 1e-20 * energy && moved * inverse * change > 0.0;
     return tells ? moved / change : inverse;

@@ -23,13 +23,13 @@ static body make_body(const double *p)
     return b;
 }
 
-static inline vector times(const body *b, vector s)
+INLINE vector times(const body *b, vector s)
 {
     return (vector){dot(b->first, s), dot(b->second, s), dot(b->third, s)};
 }
 
 /* One Newton update of FL-(s) = m; pi = J s is updated with s. Adds to work and energy. */
-static inline void newton(const body *b, vector m, vector *s, vector *pi, double *work,
+INLINE void newton(const body *b, vector m, vector *s, vector *pi, double *work,
                           double *energy)
 {
     double k = dot(*s, *pi);
@@ -48,7 +48,7 @@ static inline void newton(const body *b, vector m, vector *s, vector *pi, double
     *energy += size(*s, *pi);
 }
 
-static inline vector legendre_plus(vector s, vector pi)
+INLINE vector legendre_plus(vector s, vector pi)
 {
     return add(add(pi, -1.0, cross(s, pi)), dot(s, pi), s);
 }

@@ -33,7 +33,7 @@ typedef struct {
     double d, drag;             /* 1 + w^2, x X + y Y */
 } parts;
 
-static inline parts at(const sleigh *g, vector s)
+INLINE parts at(const sleigh *g, vector s)
 {
     parts q;
     q.turn = g->I * s.x + g->c * s.z;
@@ -48,7 +48,7 @@ static inline parts at(const sleigh *g, vector s)
 
 /* One Newton update of FL-(s) = p. The lower right block of the Jacobian, m [[1, -w], [w, 1]], is
    eliminated first. Adds to work and energy. */
-static inline void newton(const sleigh *g, vector p, vector *s, parts *q, double *work,
+INLINE void newton(const sleigh *g, vector p, vector *s, parts *q, double *work,
                           double *energy)
 {
     const double m = g->m, c = g->c, w = s->x, x = s->y, y = s->z;
@@ -70,7 +70,7 @@ static inline void newton(const sleigh *g, vector p, vector *s, parts *q, double
     *energy += fabs(s->x * q->turn) + fabs(s->y * q->along) + fabs(s->z * q->across);
 }
 
-static inline vector legendre_plus(vector s, const parts *q)
+INLINE vector legendre_plus(vector s, const parts *q)
 {
     return (vector){q->even - q->odd, q->along + s.x * q->across, q->across - s.x * q->along};
 }
