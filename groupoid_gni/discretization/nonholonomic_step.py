@@ -87,7 +87,7 @@ def two_step_program(
             "after": e.rank,
             "normals": 2 * m,
             "parasitic": 4 if m else 0,
-            "reconstructed": e.space.arrow_size if reconstruct else 0,
+            **_reconstructed_part(e, reconstruct),
         }
     )
     state = ca.SX.sym("state", layout.size)
@@ -151,6 +151,10 @@ def _parasitic_monitor(
     return ca.vertcat(now, last, amplitude, largest, largest_jump, record[3] + 1)
 
 
+def _reconstructed_part(e: SystemExpressions, reconstruct: bool) -> dict[str, int]:
+    return {"reconstructed": e.space.arrow_size} if reconstruct else {}
+
+
 def _reconstruction(
     e: SystemExpressions, state: ca.SX, layout: StateLayout, arrow: ca.SX
 ) -> ca.SX:
@@ -176,7 +180,7 @@ def projected_program(
         {
             "base": e.base_size,
             "after": e.rank,
-            "reconstructed": e.space.arrow_size if reconstruct else 0,
+            **_reconstructed_part(e, reconstruct),
         },
         aliases={"before": "after"},
     )

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
+import zoo
 
 import groupoid_gni as gni
 from groupoid_gni.discretization import FreeFlight, SystemExpressions
-
-sys.path.insert(0, str(Path(__file__).parent))
-import zoo  # noqa: E402
-
-sys.path.pop(0)
 
 # Weights of the central difference of order 8.
 _WEIGHTS = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
@@ -142,7 +136,6 @@ def test_the_printed_rolling_ball_scheme_is_recovered() -> None:
     scene = gni.scenes.rolling_ball(m, r, inertia, table, (0.4, -0.9), (0.3, 0.7), 0.35)
     run = gni.integrate(scene.system, scene.start, step=h, n_steps=12, method=gni.EulerA())
     x, y = run.base.T
-    w = np.diff(run.base, axis=0)  # noqa: F841 - kept for reading: differences of positions
     omega = run.rows[1:, run.layout.size : -1][:, 2:]
     stretch = omega * (1 + h * h * (omega**2).sum(1)[:, None] / 4)
     now, last = stretch[1:], stretch[:-1]
