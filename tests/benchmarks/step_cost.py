@@ -3,8 +3,10 @@
     python tests/benchmarks/step_cost.py [--steps N] [--repeats N] [--quick]
 
 All contenders run in one process on one core, interleaved; ratios are of the smallest times. The C
-(``c/*.c``) is the same scheme with the same stopping rule, and ends at the same state: that is
-checked before anything is timed.
+(``c/*.c``) is the same scheme with the same stopping rule and the same warm start, without the
+library's checks and without its monitor of the parasitic mode, and ends at the same state: the
+difference is printed. No ``-ffast-math``: its start-up code changes the floating-point mode of the
+whole process.
 """
 
 from __future__ import annotations
@@ -40,7 +42,7 @@ from groupoid_gni.integrators import compiled_step  # noqa: E402
 
 C_FLAGS = {"C -O2": ["-O2"], "C -O2 native": ["-O2", "-march=native"]}
 METHODS = {"rattle": gni.Rattle(), "projected": gni.GNI()}
-C_ENTRY = {"rattle": "two-step Rattle()", "projected": "projected GNI()"}
+TITLES = {"rattle": "two-step Rattle()", "projected": "projected GNI()"}
 AIM, MOST = 1.0, 1.5
 COLD_LIMITS = {"empty cache": 0.6, "warm cache": 0.4}
 AGREEMENT_STEPS = 1000
@@ -202,7 +204,7 @@ class Problem:
         return Contender(name, run)
 
     def integrate(self) -> Contender:
-        """The public function, with its chunks and checks: ``run.seconds``."""
+        """The public function's loop with its chunks: ``run.seconds``."""
 
         def run(steps: int) -> tuple[float, np.ndarray, int]:
             result = gni.integrate(
@@ -404,11 +406,10 @@ def report_problem(problem: Problem, folder: Path, steps: int, repeats: int) -> 
     written = c_contenders(problem, folder) if c_compiler() else []
     derived = problem.library("purely derived", problem.derived)
     reached = agreement(problem, [*written, derived])
-    contenders = [*written, problem.library("library", problem.system), derived,
-                  problem.integrate()]
+    contenders = [*written, problem.library("library", problem.system), derived]
     costs = interleaved(contenders, steps, repeats, case.burst)
     main = [costs[name].smallest for name in C_FLAGS if name in costs]
-    print(f"\n{case.name}, {C_ENTRY[problem.scheme]}, h = {case.step}, "
+    print(f"\n{case.name}, {TITLES[problem.scheme]}, h = {case.step}, "
           f"{case.burst} steps from the start again and again")
     print(f"  {'':30s}{'min':>8s}{'median':>8s}  {'ratio':>6s}  "
           f"{'iterations':>10s}  differs after {AGREEMENT_STEPS} steps by")
@@ -434,6 +435,20 @@ def report_steps(steps: int, repeats: int) -> None:
         for case in CASES:
             for scheme in METHODS:
                 report_problem(Problem(case(), scheme), Path(folder), steps, repeats)
+
+
+def report_integrate(steps: int, repeats: int) -> None:
+    """What the chunks of ``integrate`` add to the compiled loop, on one long run of the ball."""
+    with one_core():
+        print(f"\nNanoseconds per step of one run over {steps} steps of the ball")
+        for scheme in METHODS:
+            problem = Problem(ball(), scheme)
+            contenders = [problem.library("loop", problem.system), problem.integrate()]
+            costs = interleaved(contenders, steps, repeats, burst=steps)
+            loop, whole = costs["loop"], costs["integrate"]
+            print(f"  {TITLES[scheme]:20s} compiled loop {loop.smallest:.1f}  "
+                  f"integrate().seconds {whole.smallest:.1f}  "
+                  f"ratio {whole.smallest / loop.smallest:.3f}")
 
 
 def report_cold_starts(repeats: int) -> None:
@@ -466,6 +481,7 @@ def main(arguments: list[str] | None = None) -> None:
     steps, repeats = (2_000, 10) if options.quick else (options.steps, options.repeats)
     report_machine()
     report_steps(steps, repeats)
+    report_integrate(10 * steps, max(3, repeats // 8))
     report_cold_starts(max(2, repeats // 4))
 
 

@@ -102,9 +102,9 @@ def test_legendre_transforms_are_equation_48_on_every_groupoid(name: str) -> Non
 def test_on_the_pair_groupoid_they_are_the_slot_derivatives_of_section_3() -> None:
     a = zoo.animal("pair 3", gyroscopic=True)
     h, x0, v = 0.2, a.start.base, a.start.velocity
+    x1 = x0 + h * v
     for rule in RULES:
         action = discrete_lagrangian(a, rule, h)
-        x1 = x0 + h * v
         by_first = difference(lambda e, f=action: f(np.concatenate([x0 + e, x1])), 3)
         by_second = difference(lambda e, f=action: f(np.concatenate([x0, x1 + e])), 3)
         minus, plus = both_legendre_transforms(a, rule)(x0, v, h, a.system.parameter_vector)

@@ -259,19 +259,19 @@ def process_state():
 
 
 def test_a_run_changes_neither_its_inputs_nor_the_process(skate):
-    base, velocity, pose = np.array(BASE), np.array(VELOCITY), np.eye(2)
+    base, velocity = np.array(BASE), np.array(VELOCITY)
     gravity = np.array(1.4)
+    np.random.seed(20240229)  # noqa: NPY002
     before = process_state()
     system = skate.with_parameters(g=gravity)
     start = system.state(base, velocity)
     frozen = [part.tobytes() for part in (start.base, start.velocity, start.momentum)]
-    gni.integrate(system, start, step=0.1, n_steps=10, reconstruct=None)
+    gni.integrate(system, start, step=0.1, n_steps=10)
     gni.integrate(system, start, step=0.1, n_steps=10, method=gni.ReferenceFlow())
     gni.next_arrow(system, gni.Rattle(), arrow_of(system, start), step=0.1)
     assert process_state() == before
     np.testing.assert_array_equal(base, BASE)
     np.testing.assert_array_equal(velocity, VELOCITY)
-    np.testing.assert_array_equal(pose, np.eye(2))
     assert gravity == 1.4
     assert [part.tobytes() for part in (start.base, start.velocity, start.momentum)] == frozen
 

@@ -37,16 +37,17 @@ INLINE void fill(warm_start *w, const double *values, int n)
     w->newest = 0;
 }
 
+/* The newest row last: it is the one that has just been computed. */
 INLINE void extrapolate(const warm_start *w, double *restrict guess, int n)
 {
     static const double weight[HISTORY] = EXTRAPOLATION;
     int row = w->newest;
 #pragma GCC unroll 8
     for (int i = 0; i < n; i++)
-        guess[i] = weight[0] * w->past[row][i];
+        guess[i] = 0.0;
 #pragma GCC unroll 8
-    for (int k = 1; k < HISTORY; k++) {
-        row = row + 1 == HISTORY ? 0 : row + 1;
+    for (int k = HISTORY - 1; k >= 0; k--) {
+        row = row ? row - 1 : HISTORY - 1;
 #pragma GCC unroll 8
         for (int i = 0; i < n; i++)
             guess[i] += weight[k] * w->past[row][i];
