@@ -157,13 +157,18 @@ class Trajectory:
     @property
     def parasitic_amplitude(self) -> FloatArray:
         """(n,) relative size |u| / |p| of the (-1)^k part of a two-step run."""
-        return self._part("parasitic")[:, 0]
+        return np.sqrt(self._part("parasitic")[:, 0])
+
+    @property
+    def parasitic_maximum(self) -> FloatArray:
+        """(n,) largest ``parasitic_amplitude`` up to each node, unsaved nodes included."""
+        return np.sqrt(self._part("parasitic")[:, 1])
 
     @property
     def parasitic_bound(self) -> float:
         """Largest (relative impulse)^2, an O(h^2) quantity the amplitude is compared with."""
         record = self._part("parasitic")
-        return float(record[-1, 2] ** 2) if record.shape[1] else 0.0
+        return float(record[-1, 2]) if record.shape[1] else 0.0
 
     @property
     def final_state(self) -> tuple[FloatArray, FloatArray]:
@@ -280,7 +285,7 @@ class Trajectory:
             worst = float(np.max(np.abs(self.constraint_residuals(relative=True))))
             lines.append(f"  constraints  largest relative residual {worst:.2e}")
         if "parasitic" in self.layout.slices and self._part("parasitic").shape[1]:
-            largest = float(self._part("parasitic")[-1, 1])
+            largest = self.parasitic_maximum[-1]
             lines.append(f"  parasitic    largest amplitude {largest:.2e} of |p|")
         if steps and self.rows[-1, -1] > 0:
             lines.append(f"  Newton       {self.rows[-1, -1] / steps:.2f} iterations per step")

@@ -130,8 +130,10 @@ class MachineCode:
         return builder.link(self._engine, f"groupoid_gni_{id(self)}")
 
     def function(self, name: str, *kinds: Any, returns: Any = None) -> Any:
-        """A ctypes function for one of the module's entry points."""
-        return ctypes.CFUNCTYPE(returns, *kinds)(self._library[name])
+        """A ctypes function for one of the module's entry points; it keeps the module alive."""
+        entry = ctypes.CFUNCTYPE(returns, *kinds)(self._library[name])
+        entry.machine_code = self  # type: ignore[attr-defined]
+        return entry
 
     @property
     def assembly(self) -> str:

@@ -180,36 +180,35 @@ class _StepKernel:
         e.label("newton")
         self._place_phis("newton")
         names = [f"%u{i}" for i in range(len(starts))]
-        later = e.constant(0.0) if not self._uses_later() else self._later()
         inner = Values(self.tape, e, self.values)
         inner.bind_input(2, names[:n])
         inner.bind_input(3, names[n:])
-        inner.bind_input(4, [later])
+        inner.bind_input(4, ["%later"])
         inner.emit(needed, _ITERATED)
         new, error, total, busy = self._iterate(inner, names)
+        one, zero = e.constant(1.0), e.constant(0.0)
+        carried_on = [
+            *zip(names, starts, self._unless_finished(busy, new, names), strict=True),
+            ("%later", zero, *self._unless_finished(busy, [one], ["%later"])),
+            ("%t", e.constant(rule.BEFORE_FIRST), error),
+            ("%total", self.memory[-1], total),
+        ]
         newton_end = e.block
         self._branch_after_iteration(busy)
-        for name, start, following in zip(names, starts, new, strict=True):
+        for name, start, following in carried_on:
             self._phi("newton", name, e.type, (start, step_end), (following, newton_end))
-        first, count = e.constant(rule.BEFORE_FIRST), self.memory[-1]
         self._phi("newton", "%j", "i64", ("0", step_end), ("%j1", newton_end))
-        self._phi("newton", "%t", e.type, (first, step_end), (error, newton_end))
-        self._phi("newton", "%total", e.type, (count, step_end), (total, newton_end))
         if e.lanes > 1:
             self._phi("newton", "%busy", e.flag_type, ("%alive", step_end), (busy, newton_end))
         e.label("settled")
         converged = busy if e.lanes == 1 else self._not(busy)
         return inner, [*new[:n], *self.memory[: (HISTORY - 1) * n], *new[n:], total], converged
 
-    def _uses_later(self) -> bool:
-        return self.program.carried.numel() > 0
-
-    def _later(self) -> str:
-        """1.0 in every lane from the second iteration on."""
-        e = self.e
-        flag = e.assign("icmp sgt i64 %j, 0")
-        one, zero = e.constant(1.0), e.constant(0.0)
-        return e.assign(f"select i1 {flag}, {e.type} {one}, {e.type} {zero}")
+    def _unless_finished(self, busy: str, new: list[str], old: list[str]) -> list[str]:
+        """Inputs of the next iteration; a lane that is done repeats its last one, bit for bit."""
+        if self.e.lanes == 1:
+            return new
+        return [self.e.select(busy, a, b) for a, b in zip(new, old, strict=True)]
 
     def _not(self, flag: str) -> str:
         e = self.e
@@ -225,7 +224,7 @@ class _StepKernel:
         return guess
 
     def _iterate(self, inner: Values, unknowns: list[str]) -> tuple[list[str], str, str, str]:
-        """One Newton update: new unknowns, e^2, running count, and a flag.
+        """One update: new unknowns and carried values, e^2, running count, and a flag.
 
         The flag is "converged" for one lane, "still busy" per lane for several.
         """
@@ -243,7 +242,6 @@ class _StepKernel:
         if e.lanes == 1:
             total = e.binary("fadd", "%total", one)
         else:
-            new = [e.select("%busy", name, u) for u, name in zip(unknowns, new, strict=True)]
             error = e.select("%busy", error, "%t")
             total = e.binary("fadd", "%total", e.select("%busy", one, e.constant(0.0)))
             flag = e.assign(f"and {e.flag_type} %busy, {self._not(flag)}")

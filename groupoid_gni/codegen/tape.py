@@ -112,7 +112,7 @@ class Tape:
             levels.append(level)
             return len(operations) - 1
 
-        for i, (operation, level) in enumerate(zip(self.operations, self.levels, strict=True)):
+        for operation, level in zip(self.operations, self.levels, strict=True):
             if operation.code == _INPUT:
                 place.append(append(operation, level))
                 continue

@@ -12,10 +12,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
 from groupoid_gni.array_types import Array
 from groupoid_gni.discretization.discrete_lagrangians import DiscreteLagrangian
-from groupoid_gni.discretization.elimination import solve_linear
+from groupoid_gni.discretization.elimination import coupled_groups, solve_linear
 from groupoid_gni.discretization.system_expressions import SystemExpressions
 from groupoid_gni.expressions import RecordedFunction, record
 
@@ -25,7 +26,8 @@ class Flight:
     """The expressions of one flight from (x0, p0) over the time h.
 
     unknowns : the velocity components that need a solver, as symbols; may be empty.
-    implicit : their indices.  update : their Newton update (current minus better value).
+    implicit : their indices.  jacobian : of their equations.
+    update : their Newton update (current minus better value).
     work : sum of |residual * update|, the squared error of the current values as an energy.
     velocity : xi, explicit components solved for and implicit ones after the Newton update.
     arrow : ``h xi``.  target, momentum : x1 and ``FL+(g)`` at that velocity.
@@ -34,6 +36,7 @@ class Flight:
 
     unknowns: ca.SX
     implicit: tuple[int, ...]
+    jacobian: ca.SX
     update: ca.SX
     work: ca.SX
     velocity: ca.SX
@@ -41,6 +44,10 @@ class Flight:
     target: ca.SX
     momentum: ca.SX
     energy: ca.SX
+
+    def response(self, dp: ca.SX) -> ca.SX:
+        """Change of the unknowns when p0 changes by dp, to first order."""
+        return solve_linear(self.jacobian, dp[list(self.implicit), 0])
 
 
 class FreeFlight:
@@ -77,7 +84,7 @@ class FreeFlight:
         jacobian = ca.jacobian(residual, xi)
         velocity = ca.SX(xi)
         implicit: list[int] = []
-        for group in _coupled_groups(jacobian):
+        for group in coupled_groups(jacobian):
             block = jacobian[group, group]
             if ca.depends_on(block, xi):
                 implicit.extend(group)
@@ -85,7 +92,8 @@ class FreeFlight:
             at_rest = ca.substitute(residual[group, 0], xi[group, 0], ca.SX.zeros(len(group), 1))
             velocity[group, 0] = -solve_linear(block, at_rest)
         implicit.sort()
-        update = solve_linear(jacobian[implicit, implicit], residual[implicit, 0])
+        block = jacobian[implicit, implicit]
+        update = solve_linear(block, residual[implicit, 0])
         velocity[implicit, 0] = xi[implicit, 0] - update
         arrow = h * velocity
         target = e.target(x0, arrow)
@@ -93,6 +101,7 @@ class FreeFlight:
         return Flight(
             unknowns=xi[implicit, 0],
             implicit=tuple(implicit),
+            jacobian=block,
             update=update,
             work=ca.sum1(ca.fabs(residual[implicit, 0] * update)),
             velocity=velocity,
@@ -103,43 +112,105 @@ class FreeFlight:
         )
 
 
-def _coupled_groups(jacobian: ca.SX) -> list[list[int]]:
-    """Connected components of the sparsity pattern of a square matrix."""
-    n = jacobian.size1()
-    label = list(range(n))
-    for i, j in zip(*jacobian.sparsity().get_triplet(), strict=True):
-        low, high = sorted((label[i], label[j]))
-        label = [low if entry == high else entry for entry in label]
-    return [[i for i in range(n) if label[i] == name] for name in sorted(set(label))]
-
-
 def _gradients_of_average(
     expressions: SystemExpressions, discrete: DiscreteLagrangian
 ) -> ca.Function:
-    """(x0, x1, xi, h, theta) -> the three gradients of the averaged Lagrangian l = L_d / h."""
-    system, space = expressions.system, expressions.space
+    """(x0, x1, xi, h, theta) -> the three gradients of the averaged Lagrangian l = L_d / h.
+
+    The average is recorded with the values of L as inputs of their own, so that the chain rule can
+    use ``dL/dxi = G xi + A`` directly and add up the weights of equal evaluations.
+    """
+    e = expressions
+    sizes = {"source": e.base_size, "target": e.base_size, "velocity": e.rank}
+    variables = [ca.SX.sym(name, size) for name, size in sizes.items()]
+    h, theta = ca.SX.sym("h"), ca.SX.sym("theta", e.parameter_size)
+    recorded, count = _recorded_average(e, discrete)
+    values = ca.SX.sym("values", count)
+    outputs = recorded.call_sx(*variables, h, theta, values)
+    average = outputs[0]
+    weights = ca.gradient(average, values)
+    points = ca.reshape(outputs[1:], e.base_size + e.rank, count)
+    places = [points[: e.base_size, k] for k in range(count)]
+    velocities = [points[e.base_size :, k] for k in range(count)]
+    forces = [_base_gradient(e, x, xi, theta) for x, xi in zip(places, velocities, strict=True)]
+    momenta = [e.momentum(x, xi, theta) for x, xi in zip(places, velocities, strict=True)]
+    gradients = [ca.gradient(average, variable) for variable in variables]
+    terms = [*_merged(weights, places, forces), *_merged(weights, velocities, momenta)]
+    for weight, argument, slope in terms:
+        for i, variable in enumerate(variables):
+            gradients[i] += weight * ca.jtimes(argument, variable, slope, True)
+    return ca.Function("gradients", [*variables, h, theta], gradients)
+
+
+def _recorded_average(
+    e: SystemExpressions, discrete: DiscreteLagrangian
+) -> tuple[RecordedFunction, int]:
+    """Record (average, points where L was asked for) with the values of L as the last input."""
     sizes = {
-        "source": (space.base_size,),
-        "target": (space.base_size,),
-        "velocity": (space.rank,),
+        "source": (e.base_size,),
+        "target": (e.base_size,),
+        "velocity": (e.rank,),
         "step": (),
-        "parameters": (expressions.parameter_size,),
+        "parameters": (e.parameter_size,),
     }
-    lagrangian = _recorded_lagrangian(expressions)
+    lagrangian = _recorded_lagrangian(e)
+    asked = 0
 
-    def average(source: Array, target: Array, velocity: Array, step: Array, flat: Array) -> Array:
-        return discrete.average(
-            lambda x, xi: lagrangian(x, xi, flat), space, source, target, velocity, step
-        )
+    def counted(source: Array, target: Array, velocity: Array, step: Array, flat: Array) -> Array:
+        def value(x: Array, xi: Array) -> Array:
+            nonlocal asked
+            asked += 1
+            return lagrangian(x, xi, flat)
 
-    average.__wrapped__ = type(discrete).average  # type: ignore[attr-defined]
-    recorded = record(average, sizes, (), name=f"{type(discrete).__name__}.average")
-    x0, x1 = ca.SX.sym("x0", space.base_size), ca.SX.sym("x1", space.base_size)
-    xi, h = ca.SX.sym("xi", space.rank), ca.SX.sym("h")
-    theta = ca.SX.sym("theta", system.parameter_layout.size)
-    value = recorded.call_sx(x0, x1, xi, h, theta)
-    gradients = [ca.gradient(value, variable) for variable in (x0, x1, xi)]
-    return ca.Function("gradients", [x0, x1, xi, h, theta], gradients)
+        return discrete.average(value, e.space, source, target, velocity, step)
+
+    def with_values(
+        source: Array, target: Array, velocity: Array, step: Array, flat: Array, values: Array
+    ) -> Array:
+        points: list[Array] = []
+
+        def value(x: Array, xi: Array) -> Array:
+            points.extend((x, xi))
+            return values[len(points) // 2 - 1]
+
+        average = discrete.average(value, e.space, source, target, velocity, step)
+        return np.concatenate([np.reshape(average, 1), *points])
+
+    counted.__wrapped__ = type(discrete).average  # type: ignore[attr-defined]
+    with_values.__wrapped__ = type(discrete).average  # type: ignore[attr-defined]
+    name = f"{type(discrete).__name__}.average"
+    record(counted, sizes, (), name=name)
+    shape = (1 + asked * (e.base_size + e.rank),)
+    return record(with_values, {**sizes, "values": (asked,)}, shape, name=name), asked
+
+
+def _merged(
+    weights: ca.SX, arguments: list[ca.SX], slopes: list[ca.SX]
+) -> list[tuple[ca.SX, ca.SX, ca.SX]]:
+    """Triples (weight, argument, slope); equal ones once, with the sum of their weights."""
+    if not arguments:
+        return []
+    size = arguments[0].numel()
+    pairs = zip(arguments, slopes, strict=True)
+    shared = ca.cse(ca.horzcat(*[ca.vertcat(*pair) for pair in pairs]))
+    terms: list[tuple[ca.SX, ca.SX]] = []
+    for k in range(len(arguments)):
+        for i, (weight, column) in enumerate(terms):
+            if ca.is_equal(column, shared[:, k], 0):
+                terms[i] = (weight + weights[k], column)
+                break
+        else:
+            terms.append((weights[k], shared[:, k]))
+    return [(weight, column[:size], column[size:]) for weight, column in terms]
+
+
+def _base_gradient(e: SystemExpressions, x: ca.SX, xi: ca.SX, theta: ca.SX) -> ca.SX:
+    """dL/dx at fixed xi."""
+    if not e.base_size:
+        return ca.SX(0, 1)
+    point, velocity = ca.SX.sym("x", e.base_size), ca.SX.sym("xi", e.rank)
+    slope = ca.gradient(e.lagrangian(point, velocity, theta), point)
+    return ca.Function("slope", [point, velocity, theta], [slope])(x, xi, theta)
 
 
 def _recorded_lagrangian(expressions: SystemExpressions) -> RecordedFunction:

@@ -85,7 +85,7 @@ def two_step_program(
             "base": e.base_size,
             "before": e.rank,
             "after": e.rank,
-            "normals": 2 * m,
+            "impulses": 2 * m,
             "parasitic": 4 if m else 0,
             **_reconstructed_part(e, reconstruct),
         }
@@ -93,12 +93,12 @@ def two_step_program(
     state = ca.SX.sym("state", layout.size)
     x0, p0 = state[layout.slices["base"]], state[layout.slices["after"]]
     flight = FreeFlight(e, discrete).from_momentum(x0, p0, inputs.h, inputs.theta, "xi")
-    x1 = e.restore_base(flight.target)
-    node = e.node(x1, inputs.theta)
-    monitor = _parasitic_monitor(node, flight, state, layout, m)
+    node = e.node(flight.target, inputs.theta)
+    impulse = node.impulse(flight.momentum)
+    monitor = _parasitic_monitor(node, impulse, flight, state, layout)
     arrow = e.retract(x0, flight.arrow) if reconstruct else ca.SX(0, 1)
     next_state = ca.vertcat(
-        x1,
+        e.restore_base(flight.target),
         flight.momentum,
         node.reflect(flight.momentum),
         monitor,
@@ -130,25 +130,31 @@ def two_step_program(
 
 
 def _parasitic_monitor(
-    node: Node, flight: Flight, state: ca.SX, layout: StateLayout, m: int
+    node: Node, impulse: ca.SX, flight: Flight, state: ca.SX, layout: StateLayout
 ) -> ca.SX:
-    """Next values of the normals, then amplitude, largest amplitude, largest jump, nodes seen.
+    """Next impulses, then amplitude, largest amplitude, largest jump (squared), nodes seen.
 
-    The normal component z_k of p+ is h/2 times a smooth force plus ``(-1)^k u``; its second
-    difference over four is u up to O(h^3). Sizes are relative to ``|p|`` in G^-1; the first
-    difference needs three nodes.
+    The normal part ``mu^T c_k`` of p+ is h/2 times a smooth force plus ``(-1)^k u``; the second
+    difference of c_k over four is u up to O(h^3). Sizes are squares relative to ``|p|^2`` in G^-1,
+    so no square root is taken in the loop. The first difference needs three nodes.
     """
+    m = impulse.numel()
     if m == 0:
         return ca.SX(0, 1)
-    normals, record = state[layout.slices["normals"]], state[layout.slices["parasitic"]]
-    last, before_last = normals[:m], normals[m:]
-    now = node.normal_component(flight.momentum)
-    size = ca.sqrt(ca.fmax(flight.energy, 1e-300))
+    impulses, record = state[layout.slices["impulses"]], state[layout.slices["parasitic"]]
+    last, before_last = impulses[:m], impulses[m:]
+    ends = impulse + before_last
+    scale = 1 / (16 * flight.energy + 1e-300)
     enough = record[3] >= 1.5
-    amplitude = ca.if_else(enough, ca.norm_2(now - 2 * last + before_last) / (4 * size), 0)
-    jump = ca.if_else(enough, ca.norm_2(now + 2 * last + before_last) / (2 * size), 0)
+    amplitude = ca.if_else(enough, scale * _squared(node, ends - 2 * last), 0)
+    jump = ca.if_else(enough, 4 * scale * _squared(node, ends + 2 * last), 0)
     largest, largest_jump = ca.fmax(record[1], amplitude), ca.fmax(record[2], jump)
-    return ca.vertcat(now, last, amplitude, largest, largest_jump, record[3] + 1)
+    return ca.vertcat(impulse, last, amplitude, largest, largest_jump, record[3] + 1)
+
+
+def _squared(node: Node, components: ca.SX) -> ca.SX:
+    """Squared length of ``mu^T components`` in G^-1."""
+    return ca.dot(components, ca.mtimes(node.gram, components))
 
 
 def _reconstructed_part(e: SystemExpressions, reconstruct: bool) -> dict[str, int]:
@@ -194,11 +200,11 @@ def projected_program(
     homeward = FreeFlight(e, second).from_momentum(
         outward.target, middle.reflect(outward.momentum), half, inputs.theta, "xi_b"
     )
-    x1 = e.restore_base(homeward.target)
-    end = e.node(x1, inputs.theta)
+    end = e.node(homeward.target, inputs.theta)
     returned = end.normal_component(homeward.momentum)
-    closing = ca.mtimes(_matching_isometry(start, end, m).T, returned) - nu
-    next_state = ca.vertcat(x1, end.project(homeward.momentum))
+    isometry = _matching_isometry(start, end, e.metric_is_constant)
+    closing = ca.mtimes(isometry.T, returned) - nu
+    next_state = ca.vertcat(e.restore_base(homeward.target), end.project(homeward.momentum))
     if reconstruct:
         arrow = _product_of_flights(e, x0, outward, homeward)
         next_state = ca.vertcat(next_state, _reconstruction(e, state, layout, arrow))
@@ -211,13 +217,19 @@ def projected_program(
     guess = e.velocity(x0, p0, inputs.theta)
     energy = outward.energy + homeward.energy
     search = _Broyden(m, closing, energy)
+    # a new nu shifts both flights; following it here saves most of an iteration
+    lent = start.normal_vector(search.update) if m else ca.SX(e.rank, 1)
+    shift_outward = outward.response(lent)
+    shift_homeward = homeward.response(middle.reflect_change(lent))
     return StepProgram(
         parameters=inputs.all,
         state=state,
         unknowns=ca.vertcat(outward.unknowns, homeward.unknowns, nu),
         carried=search.carried,
         later=search.later,
-        update=ca.vertcat(outward.update, homeward.update, search.update),
+        update=ca.vertcat(
+            outward.update + shift_outward, homeward.update + shift_homeward, search.update
+        ),
         next_carried=search.next_carried,
         work=outward.work + homeward.work + search.work,
         energy=energy,
@@ -274,32 +286,34 @@ def _product_of_flights(
     )
 
 
-def _matching_isometry(start: Node, end: Node, m: int) -> ca.SX:
+def _matching_isometry(start: Node, end: Node, same_metric: bool) -> ca.SX:
     """The orthogonal factor W of ``N1^T S N0`` with ``S = (G0^-1 + G1^-1) / 2``."""
+    m = start.mu.size1()
     if m == 0:
         return ca.SX(0, 0)
-    from_start = _overlap(start, end, m)
+    overlap = _overlap(start, end, same_metric)
     if m == 1:
-        return ca.if_else(from_start >= 0, 1, -1)
+        return ca.if_else(overlap >= 0, 1, -1)
     if m == 2:
-        return _polar_of_two(from_start)
-    polar = from_start
+        return _polar_of_two(overlap)
+    polar = overlap
     for _ in range(6):
         # Newton's iteration for the polar factor; the overlap is within O(h^2) of an isometry
         polar = (polar + solve_linear(polar.T, ca.SX.eye(m))) / 2
     return polar
 
 
-def _overlap(start: Node, end: Node, m: int) -> ca.SX:
+def _overlap(start: Node, end: Node, same_metric: bool) -> ca.SX:
     columns = []
+    m = start.mu.size1()
     for i in range(m):
         unit = ca.SX(m, 1)
         unit[i] = 1
-        basis_vector = start.normal_vector(unit)
-        against_end = solve_lower(end.lower, ca.mtimes(end.normal.T, basis_vector))
-        raised = ca.mtimes(start.normal, solve_upper(start.lower, unit))
-        against_start = solve_lower(end.lower, ca.mtimes(end.mu, raised))
-        columns.append((against_end + against_start) / 2)
+        column = solve_lower(end.lower, ca.mtimes(end.normal.T, start.normal_vector(unit)))
+        if not same_metric:
+            raised = ca.mtimes(start.normal, solve_upper(start.lower, unit))
+            column = (column + solve_lower(end.lower, ca.mtimes(end.mu, raised))) / 2
+        columns.append(column)
     return ca.horzcat(*columns)
 
 

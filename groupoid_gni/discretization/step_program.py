@@ -17,7 +17,7 @@ class StateLayout:
 
     ``slices`` maps a part's name to its slice; ``size`` is the total length. The parts are
     ``base``, ``before`` and ``after`` (momenta at the node before and after the impact; one and the
-    same slice for a projected step), and optionally ``normals`` and ``parasitic`` (monitor of the
+    same slice for a projected step), and optionally ``impulses`` and ``parasitic`` (monitor of the
     two-step methods) and ``reconstructed`` (the arrow accumulated in the loop).
     """
 

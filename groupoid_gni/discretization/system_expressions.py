@@ -43,7 +43,12 @@ class Node:
 
     def impulse(self, p: ca.SX) -> ca.SX:
         """Components ``C^-1 mu G^-1 (p - Pi)`` of ``Q* (p - Pi) = mu^T C^-1 mu G^-1 (p - Pi)``."""
-        return solve_upper(self.lower, solve_lower(self.lower, self.violation(p)))
+        return solve_linear(self.gram, self.violation(p))
+
+    def reflect_change(self, dp: ca.SX) -> ca.SX:
+        """The linear part ``(P* - Q*) dp`` of the reflection."""
+        impulse = solve_linear(self.gram, ca.mtimes(self.normal.T, dp))
+        return dp - ca.mtimes(self.mu.T, 2 * impulse)
 
     def reflect(self, p: ca.SX) -> ca.SX:
         """``R(p) = (P* - Q*) p + 2 Q* Pi``: the impact of equations (49) and (38), sign mended."""
@@ -198,7 +203,11 @@ class SystemExpressions:
 
     def lagrangian(self, x: ca.SX, xi: ca.SX, theta: ca.SX) -> ca.SX:
         """``1/2 xi^T G xi + A xi - V``: the only physics in the library."""
-        kinetic = ca.mtimes(xi.T, ca.mtimes(self.metric(x, theta), xi)) / 2
+        metric = self.metric(x, theta)
+        diagonal = ca.dot(ca.diag(metric), xi * xi) / 2
+        # each symmetric pair once: derivatives then have one product per entry instead of two
+        above = ca.triu(metric, False)
+        kinetic = diagonal + ca.dot(xi, ca.mtimes(above, xi))
         linear = ca.dot(self.section("gyroscopic", x, theta), xi)
         return kinetic + linear - self.potential(x, theta)
 
@@ -214,6 +223,12 @@ class SystemExpressions:
         """``<p, xi> - L`` at the velocity of p."""
         xi = self.velocity(x, p, theta)
         return ca.dot(p, xi) - self.lagrangian(x, xi, theta)
+
+    @cached_property
+    def metric_is_constant(self) -> bool:
+        """Whether G does not depend on the base point."""
+        x, theta = ca.SX.sym("x", self.base_size), ca.SX.sym("theta", self.parameter_size)
+        return not ca.depends_on(self.metric(x, theta), x)
 
     def node(self, x: ca.SX, theta: ca.SX) -> Node:
         """Projectors and reflection at x."""
@@ -248,4 +263,4 @@ class SystemExpressions:
             [ca.jtimes(violation, ca.vertcat(point, momentum), ca.vertcat(velocity, push))],
         )(x, p, theta, along_x, along_p)
         node = self.node(x, theta)
-        return -solve_upper(node.lower, solve_lower(node.lower, rate))
+        return -solve_linear(node.gram, rate)

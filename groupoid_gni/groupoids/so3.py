@@ -179,9 +179,16 @@ def rotation_dcay(w: Array) -> Array:
 
 
 def rotation_dcay_inverse(w: Array) -> Array:
-    """Give dcay_w^{-1} on so(3): 1 - w^/2 + w w^T/4."""
-    s = dot(w, w)
-    return quadratic_in_hat(w, s, 1 + s / 4, -0.5, 0.25)
+    """Give dcay_w^{-1} on so(3): 1 - w^/2 + w w^T/4.
+
+    Written out: through |w|^2 the diagonal would carry terms that cancel, and so would its
+    derivatives in every Newton iteration.
+    """
+    x, y, z = entries(w / 2)
+    xy, xz, yz = x * y, x * z, y * z
+    return matrix_of(
+        (1 + x * x, xy + z, xz - y), (xy - z, 1 + y * y, yz + x), (xz + y, yz - x, 1 + z * z)
+    )
 
 
 def half_angle_quaternion(rotation: Array) -> tuple[Array, Array]:

@@ -29,7 +29,8 @@ from groupoid_gni.outcomes import Outcome
 from groupoid_gni.systems import MechanicalSystem, State
 from groupoid_gni.trajectory import Trajectory
 
-_CHUNK = 1000
+_FIRST_CHUNK = 1000
+_CHUNK_SECONDS = 0.01
 _PARASITIC_FACTOR = 2.0
 _PARASITIC_FLOOR = 1e-10
 
@@ -114,16 +115,15 @@ def _node_numbers(
     """Scales C_aa of the constraints and the multiplier at the start, in numbers."""
     if not expressions.constraint_count:
         empty = np.zeros(0)
-        return {"scales": empty, "impulse": np.zeros(expressions.rank), "normal": empty}
+        return {"scales": empty, "impulse": np.zeros(expressions.rank), "force": empty}
     x, p = ca.SX.sym("x", expressions.base_size), ca.SX.sym("p", expressions.rank)
     parameters = ca.SX.sym("theta", expressions.parameter_size)
     node = expressions.node(x, parameters)
-    force = ca.mtimes(node.mu.T, expressions.multipliers(x, p, parameters))
-    normal = node.normal_component(p - force) - node.normal_component(p)
-    outputs = [ca.diag(node.gram), force, normal]
+    multipliers = expressions.multipliers(x, p, parameters)
+    outputs = [ca.diag(node.gram), ca.mtimes(node.mu.T, multipliers), multipliers]
     values = ca.Function("start", [x, p, parameters], outputs)(start.base, start.momentum, theta)
     return dict(
-        zip(("scales", "impulse", "normal"), (np.array(v).ravel() for v in values), strict=True)
+        zip(("scales", "impulse", "force"), (np.array(v).ravel() for v in values), strict=True)
     )
 
 
@@ -141,9 +141,9 @@ def _initial_state(
     half = np.zeros_like(start.momentum)
     if layout.slices["before"] != layout.slices["after"]:
         half = 0.5 * h * node["impulse"]
-        m = len(node["normal"])
+        m = len(node["force"])
         if m:
-            state[layout.slices["normals"]][:m] = 0.5 * h * node["normal"]
+            state[layout.slices["impulses"]][:m] = -0.5 * h * node["force"]
             state[layout.slices["parasitic"]][3] = 1.0
     state[layout.slices["before"]] = start.momentum - half
     state[layout.slices["after"]] = start.momentum + half
@@ -158,12 +158,16 @@ Chunks = list[tuple[Progress, FloatArray]]
 def _march(request: _Request, show: bool) -> tuple[Chunks, Outcome, str, int]:
     """Run chunk by chunk until the end, a failure or Ctrl-C; nothing finished is ever lost."""
     chunks: Chunks = [(request.runner.begin(request.parameters, request.state), np.empty((0, 0)))]
-    rescued = 0
+    rescued, size = 0, _FIRST_CHUNK
     try:
         with progress_bar(request.count, show) as advance_bar:
             while (done := chunks[-1][0].step) < request.count:
-                size = min(_CHUNK, request.count - done)
-                outcome = _append_chunk(request, chunks, chunks[-1][0], size)
+                began = time.perf_counter()
+                outcome = _append_chunk(
+                    request, chunks, chunks[-1][0], min(size, request.count - done)
+                )
+                if time.perf_counter() - began < _CHUNK_SECONDS / 2:
+                    size *= 2
                 if outcome is Outcome.NEWTON_FAILED and _rescue(request, chunks):
                     outcome, rescued = Outcome.SUCCESS, rescued + 1
                 if outcome is Outcome.SUCCESS:
@@ -292,7 +296,7 @@ def _collect(
 def _warn_of_parasitic_mode(run: Trajectory) -> None:
     if "parasitic" not in run.layout.slices or not run._part("parasitic").shape[1]:
         return
-    growing = run._part("parasitic")[:, 1]
+    growing = run.parasitic_maximum
     bound = max(_PARASITIC_FACTOR * run.parasitic_bound, _PARASITIC_FLOOR)
     if growing[-1] > bound:
         since = run.times[np.argmax(growing > bound)]
