@@ -88,7 +88,7 @@ def _starts(
         theta = system.parameter_vector * (1 + 0.03 * np.sin(lane))
         one = np.concatenate([theta, [h * (1 + 0.1 * lane)], np.ones(m)])
         state = np.zeros(layout.size)
-        state[layout.slices["base"]] = start.base * (0.8**lane if still else 1.0)
+        state[layout.slices["base"]] = start.base * (0.6**lane if still else 1.0)
         for part in ("before", "after"):
             state[layout.slices[part]] = start.momentum * (0.0 if still else 1 - 0.11 * lane)
         parameters.append(one)

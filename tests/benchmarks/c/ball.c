@@ -36,7 +36,7 @@ typedef struct {
 typedef struct {
     double x, y;
     vector a, b, a_over, b_over;
-    double c11, c12, c22;
+    double c11, c12, c22, det;
 } node;
 
 /* Inverse of the Cholesky factor of C. */
@@ -95,14 +95,22 @@ INLINE node node_at(const ball *g, double x, double y, vector a, vector b)
     n.c11 = g->inverse_mass + dot(n.b, n.b_over);
     n.c22 = g->inverse_mass + dot(n.a, n.a_over);
     n.c12 = -dot(n.a, n.b_over);
+    n.det = n.c11 * n.c22 - n.c12 * n.c12;
     return n;
+}
+
+/* mu G^-1 p */
+INLINE pair normal_velocity(const ball *g, const node *n, momentum p)
+{
+    return (pair){g->inverse_mass * p.x - dot(n->b_over, p.spin),
+                  g->inverse_mass * p.y + dot(n->a_over, p.spin)};
 }
 
 /* mu G^-1 p - mu Y */
 INLINE pair violation(const ball *g, const node *n, momentum p)
 {
-    return (pair){g->inverse_mass * p.x - dot(n->b_over, p.spin) + g->theta * n->y,
-                  g->inverse_mass * p.y + dot(n->a_over, p.spin) - g->theta * n->x};
+    pair v = normal_velocity(g, n, p);
+    return (pair){v.first + g->theta * n->y, v.second - g->theta * n->x};
 }
 
 /* p + mu^T lambda */
@@ -112,10 +120,10 @@ INLINE momentum pushed(const node *n, momentum p, pair lambda)
                       add(add(p.spin, -lambda.first, n->b), lambda.second, n->a)};
 }
 
-INLINE momentum reflected(const ball *g, const node *n, momentum p)
+/* p - 2 mu^T C^-1 v */
+INLINE momentum struck(const node *n, momentum p, pair v)
 {
-    pair v = violation(g, n, p);
-    double factor = -2.0 / (n->c11 * n->c22 - n->c12 * n->c12);
+    double factor = -2.0 / n->det;
     pair lambda = {factor * (n->c22 * v.first - n->c12 * v.second),
                    factor * (n->c11 * v.second - n->c12 * v.first)};
     return pushed(n, p, lambda);
@@ -123,8 +131,7 @@ INLINE momentum reflected(const ball *g, const node *n, momentum p)
 
 INLINE lower inverse_cholesky(const node *n)
 {
-    double det = n->c11 * n->c22 - n->c12 * n->c12;
-    double over = 1.0 / n->c11, i11 = sqrt(over), i22 = sqrt(n->c11 / det);
+    double over = 1.0 / n->c11, i11 = sqrt(over), i22 = sqrt(n->c11 / n->det);
     return (lower){i11, -n->c12 * over * i22, i22};
 }
 
@@ -136,6 +143,12 @@ INLINE pair times(lower l, pair v)
 INLINE pair transposed_times(lower l, pair v)
 {
     return (pair){l.i11 * v.first + l.i21 * v.second, l.i22 * v.second};
+}
+
+/* N v = mu^T L^-T v */
+INLINE momentum normal_vector(const node *n, lower l, pair v)
+{
+    return pushed(n, (momentum){0}, transposed_times(l, v));
 }
 
 /* W^T v, W the orthogonal polar factor of the overlap L1^-1 (mu1 G^-1 mu0^T) L0^-T. */
@@ -154,9 +167,10 @@ INLINE pair matched(const ball *g, const node *n0, lower l0, const node *n1, low
                   length * sign * (c * v.second - s * v.first)};
 }
 
-/* One Newton update of FL-(s) = m; pi = I s is updated with s. Adds to work and energy. */
-INLINE void newton(const ball *g, vector m, vector *s, vector *pi, double *work,
-                          double *energy)
+/* One Newton update of FL-(s) = m; pi = I s is updated with s. Adds to work and energy, and returns
+   the inverse of the Jacobian. */
+INLINE inverted newton(const ball *g, vector m, vector *s, vector *pi, double *work,
+                       double *energy)
 {
     const vector t = g->twist;
     double k = dot(*s, *pi), xy = s->x * s->y, xz = s->x * s->z, yz = s->y * s->z;
@@ -169,11 +183,13 @@ INLINE void newton(const ball *g, vector m, vector *s, vector *pi, double *work,
                 t.z * s->x + s->z * p2.y};
     vector c = {t.x * s->y + s->x * p2.z, t.y * s->x + s->y * p2.z,
                 g->inertia.z + k + s->z * p2.z};
-    vector u = solve(a, b, c, r);
+    inverted inverse = inverse_of(a, b, c);
+    vector u = applied(&inverse, r);
     *work += size(r, u);
     *s = add(*s, -1.0, u);
     *pi = by_entry(g->inertia, *s);
     *energy += dot(*s, *pi);
+    return inverse;
 }
 
 INLINE vector legendre_plus(const ball *g, vector s, vector pi)
@@ -238,12 +254,12 @@ int64_t rattle(const double *parameters, double h, double *state, int64_t steps)
         R.b = turned(R.b, s, factor);
         if (CARRIED_ROWS == 3)
             R.c = turned(R.c, s, factor);
-        R = restored(R);
         x += 2.0 * g.inverse_mass * p.x;
         y += 2.0 * g.inverse_mass * p.y;
         node n = node_at(&g, x, y, R.a, R.b);
         p.spin = legendre_plus(&g, s, pi);
-        p = reflected(&g, &n, p);
+        p = struck(&n, p, violation(&g, &n, p));
+        R = restored(R);
     }
     store_state(x, y, R, p, unit, state);
     return iterations;
@@ -266,9 +282,12 @@ int64_t projected(const double *parameters, double h, double *state, int64_t ste
     for (int64_t step = 0; step < steps; step++) {
         extrapolate(&w, u, 8);
         vector out = load(u), home = load(u + 3);
-        vector pi_out = by_entry(g.inertia, out), pi_home = by_entry(g.inertia, home);
+        /* columns of N0 = mu^T L0^-T */
+        const momentum first = normal_vector(&start, l0, (pair){1.0, 0.0});
+        const momentum second = normal_vector(&start, l0, (pair){0.0, 1.0});
         double factor_out, factor_home, last = BEFORE_FIRST;
         pair nu = {u[6], u[7]}, moved = {0.0, 0.0}, before = {0.0, 0.0}, returned;
+        vector flown_out, flown_home; /* without the last change of nu */
         momentum arrived;
         node end;
         lower l1;
@@ -276,18 +295,18 @@ int64_t projected(const double *parameters, double h, double *state, int64_t ste
             double work = 0.0;
             if (i == MAX_ITERATIONS)
                 return FAILED;
+            vector pi_out = by_entry(g.inertia, out), pi_home = by_entry(g.inertia, home);
             momentum q = pushed(&start, p, transposed_times(l0, nu));
             double energy = g.inverse_mass * (q.x * q.x + q.y * q.y) + TINY;
-            newton(&g, q.spin, &out, &pi_out, &work, &energy);
+            inverted by_out = newton(&g, q.spin, &out, &pi_out, &work, &energy);
             q.spin = legendre_plus(&g, out, pi_out);
             factor_out = cayley_factor(out);
             vector a = turned(R.a, out, factor_out), b = turned(R.b, out, factor_out);
             node middle = node_at(&g, start.x + 2.0 * g.inverse_mass * q.x,
                                   start.y + 2.0 * g.inverse_mass * q.y, a, b);
-
-            q = reflected(&g, &middle, q);
+            q = struck(&middle, q, violation(&g, &middle, q));
             energy += g.inverse_mass * (q.x * q.x + q.y * q.y);
-            newton(&g, q.spin, &home, &pi_home, &work, &energy);
+            inverted by_home = newton(&g, q.spin, &home, &pi_home, &work, &energy);
             arrived = (momentum){q.x, q.y, legendre_plus(&g, home, pi_home)};
             factor_home = cayley_factor(home);
             end = node_at(&g, middle.x + 2.0 * g.inverse_mass * q.x,
@@ -303,7 +322,7 @@ int64_t projected(const double *parameters, double h, double *state, int64_t ste
             double e1 = j11 * d1 + j12 * d2, e2 = j21 * d1 + j22 * d2;
             double along = moved.first * e1 + moved.second * e2;
             double square = moved.first * moved.first + moved.second * moved.second;
-            if (i && square > 1e-20 * energy && along > 0.0) {
+            if ((square > 1e-20 * energy) & (along > 0.0)) {
                 double f = 1.0 / along, g1 = f * (moved.first - e1), g2 = f * (moved.second - e2);
                 double row1 = moved.first * j11 + moved.second * j21;
                 double row2 = moved.first * j12 + moved.second * j22;
@@ -316,6 +335,16 @@ int64_t projected(const double *parameters, double h, double *state, int64_t ste
             moved.second = -(j21 * closing.first + j22 * closing.second);
             before = closing;
             nu = (pair){nu.first + moved.first, nu.second + moved.second};
+            flown_out = out;
+            flown_home = home;
+            /* both flights follow nu, the second one after the impact; by column, so that only
+               the last product waits for nu */
+            out = add(out, moved.first, applied(&by_out, first.spin));
+            out = add(out, moved.second, applied(&by_out, second.spin));
+            momentum hit = struck(&middle, first, normal_velocity(&g, &middle, first));
+            home = add(home, moved.first, applied(&by_home, hit.spin));
+            hit = struck(&middle, second, normal_velocity(&g, &middle, second));
+            home = add(home, moved.second, applied(&by_home, hit.spin));
             work += fabs(closing.first * moved.first) + fabs(closing.second * moved.second);
             iterations++;
             double now = work / energy;
@@ -334,7 +363,7 @@ int64_t projected(const double *parameters, double h, double *state, int64_t ste
         R.a = scaled(1.0 / g.r, end.a);
         R.b = scaled(1.0 / g.r, end.b);
         if (CARRIED_ROWS == 3)
-            R.c = turned(turned(R.c, out, factor_out), home, factor_home);
+            R.c = turned(turned(R.c, flown_out, factor_out), flown_home, factor_home);
         R = restored(R);
         start = end;
         l0 = l1;

@@ -18,8 +18,9 @@ INLINE int finished(double now, double last, int quadratic)
 {
     int predicted = quadratic ? now * now * now <= PREDICTED * (last * last)
                               : now * now <= PREDICTED * last;
-    return now <= AT_ROUND_OFF || predicted
-        || (now >= STAGNATION * last && now <= STAGNATION_LEVEL);
+    /* one branch, not one per condition */
+    return (now <= AT_ROUND_OFF) | predicted
+        | ((now >= STAGNATION * last) & (now <= STAGNATION_LEVEL));
 }
 
 /* The unknowns of the last HISTORY steps, in a ring whose newest row is `newest`. */
@@ -105,20 +106,30 @@ INLINE double size(vector a, vector b)
     return fabs(a.x * b.x) + fabs(a.y * b.y) + fabs(a.z * b.z);
 }
 
-/* Solution of (a b c) u = r by Cramer's rule, for the columns a, b, c. */
-INLINE vector solve(vector a, vector b, vector c, vector r)
+/* Inverse of a matrix: rows of its adjugate, and 1 / determinant. */
+typedef struct {
+    vector first, second, third;
+    double scale;
+} inverted;
+
+/* Inverse of (a b c), for the columns a, b, c. */
+INLINE inverted inverse_of(vector a, vector b, vector c)
 {
     vector bc = cross(b, c);
-    double inverse = 1.0 / dot(a, bc);
-    return (vector){inverse * dot(r, bc), inverse * dot(r, cross(c, a)),
-                    inverse * dot(r, cross(a, b))};
+    return (inverted){bc, cross(c, a), cross(a, b), 1.0 / dot(a, bc)};
 }
 
-/* Broyden's update of the inverse of a scalar slope: the secant. */
+INLINE vector applied(const inverted *m, vector r)
+{
+    return (vector){m->scale * dot(m->first, r), m->scale * dot(m->second, r),
+                    m->scale * dot(m->third, r)};
+}
+
+/* Broyden's update of the inverse of a scalar slope: the secant. `moved` is 0 at first. */
 INLINE double secant(double inverse, double moved, double change, double energy)
 {
-    int tells = moved * moved > 1e-20 * energy && moved * inverse * change > 0.0;
-    return tells ? moved / change : inverse;
+    int tells = (moved * moved > 1e-20 * energy) & (moved * inverse * change > 0.0);
+    return (tells ? moved : inverse) / (tells ? change : 1.0);
 }
 
 #endif

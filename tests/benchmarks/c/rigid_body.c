@@ -14,11 +14,17 @@ typedef struct {
     double gram;                 /* mu . J^-1 mu */
 } body;
 
+static vector velocity(const body *b, vector p)
+{
+    inverted J = inverse_of(b->first, b->second, b->third);
+    return applied(&J, p);
+}
+
 static body make_body(const double *p)
 {
     body b = {.first = {p[0], p[1], p[2]}, .second = {p[1], p[3], p[4]},
               .third = {p[2], p[4], p[5]}, .mu = {p[6], p[7], p[8]}};
-    b.raised = solve(b.first, b.second, b.third, b.mu);
+    b.raised = velocity(&b, b.mu);
     b.gram = dot(b.mu, b.raised);
     return b;
 }
@@ -28,9 +34,10 @@ INLINE vector times(const body *b, vector s)
     return (vector){dot(b->first, s), dot(b->second, s), dot(b->third, s)};
 }
 
-/* One Newton update of FL-(s) = m; pi = J s is updated with s. Adds to work and energy. */
-INLINE void newton(const body *b, vector m, vector *s, vector *pi, double *work,
-                          double *energy)
+/* One Newton update of FL-(s) = m; pi = J s is updated with s. Adds to work and energy, and returns
+   the inverse of the Jacobian. */
+INLINE inverted newton(const body *b, vector m, vector *s, vector *pi, double *work,
+                       double *energy)
 {
     double k = dot(*s, *pi);
     vector r = add(add(cross(*s, *pi), k, *s), 1.0, add(*pi, -1.0, m));
@@ -41,11 +48,13 @@ INLINE void newton(const body *b, vector m, vector *s, vector *pi, double *work,
     a = (vector){a.x + k, a.y - pi->z, a.z + pi->y};
     c = (vector){c.x + pi->z, c.y + k, c.z - pi->x};
     d = (vector){d.x - pi->y, d.y + pi->x, d.z + k};
-    vector u = solve(a, c, d, r);
+    inverted inverse = inverse_of(a, c, d);
+    vector u = applied(&inverse, r);
     *work += size(r, u);
     *s = add(*s, -1.0, u);
     *pi = times(b, *s);
     *energy += size(*s, *pi);
+    return inverse;
 }
 
 INLINE vector legendre_plus(vector s, vector pi)
@@ -61,7 +70,7 @@ int64_t rattle(const double *parameters, double h, double *state, int64_t steps)
     int64_t iterations = 0;
     double u[3];
     warm_start w;
-    store(solve(b.first, b.second, b.third, m), u);
+    store(velocity(&b, m), u);
     fill(&w, u, 3);
     for (int64_t step = 0; step < steps; step++) {
         extrapolate(&w, u, 3);
@@ -97,28 +106,32 @@ int64_t projected(const double *parameters, double h, double *state, int64_t ste
     double inverse = -0.5, u[7] = {0.0};
     int64_t iterations = 0;
     warm_start w;
-    store(solve(b.first, b.second, b.third, m), u);
+    store(velocity(&b, m), u);
     store(load(u), u + 3);
     fill(&w, u, 7);
     for (int64_t step = 0; step < steps; step++) {
         extrapolate(&w, u, 7);
         vector out = load(u), home = load(u + 3);
-        vector pi_out = times(&b, out), pi_home = times(&b, home), arrived;
+        vector arrived;
         double nu = u[6], last = BEFORE_FIRST, moved = 0.0, before = 0.0;
         for (int i = 0;; i++) {
             double work = 0.0, energy = TINY;
             if (i == MAX_ITERATIONS)
                 return FAILED;
-            newton(&b, add(m, nu, normal), &out, &pi_out, &work, &energy);
+            vector pi_out = times(&b, out), pi_home = times(&b, home);
+            inverted by_out = newton(&b, add(m, nu, normal), &out, &pi_out, &work, &energy);
             vector hit = legendre_plus(out, pi_out);
-            newton(&b, add(hit, -dot(b.raised, hit), twice), &home, &pi_home, &work, &energy);
+            hit = add(hit, -dot(b.raised, hit), twice);
+            inverted by_home = newton(&b, hit, &home, &pi_home, &work, &energy);
             arrived = legendre_plus(home, pi_home);
             double closing = dot(component, arrived) - nu;
-            if (i)
-                inverse = secant(inverse, moved, closing - before, energy);
+            inverse = secant(inverse, moved, closing - before, energy);
             moved = -inverse * closing;
             before = closing;
             nu += moved;
+            /* both flights follow nu; the impact turns the normal round */
+            out = add(out, moved, applied(&by_out, normal));
+            home = add(home, -moved, applied(&by_home, normal));
             work += fabs(closing * moved);
             iterations++;
             double now = work / energy;

@@ -46,10 +46,11 @@ INLINE parts at(const sleigh *g, vector s)
     return q;
 }
 
-/* One Newton update of FL-(s) = p. The lower right block of the Jacobian, m [[1, -w], [w, 1]], is
-   eliminated first. Adds to work and energy. */
-INLINE void newton(const sleigh *g, vector p, vector *s, parts *q, double *work,
-                          double *energy)
+/* One Newton update of FL-(s) = p, q = at(s) is updated with s. The lower right block of the
+   Jacobian, m [[1, -w], [w, 1]], is eliminated first. Adds to work and energy, and returns the
+   solution for the right-hand side (0, 0, 1), the change of s with p_y. */
+INLINE vector newton(const sleigh *g, vector p, vector *s, parts *q, double *work,
+                     double *energy)
 {
     const double m = g->m, c = g->c, w = s->x, x = s->y, y = s->z;
     double r0 = q->even + q->odd - p.x;
@@ -62,12 +63,15 @@ INLINE void newton(const sleigh *g, vector p, vector *s, parts *q, double *work,
     /* [[1, w], [-w, 1]] times the residual and times the first column */
     double t1 = r1 + w * r2, t2 = r2 - w * r1, e1 = f1 + w * f2, e2 = f2 - w * f1;
     double md = m * q->d, inverse = 1.0 / md;
-    double u0 = (md * r0 - by_x * t1 - by_y * t2) / (md * by_w - by_x * e1 - by_y * e2);
+    double over = 1.0 / (md * by_w - by_x * e1 - by_y * e2);
+    double u0 = (md * r0 - by_x * t1 - by_y * t2) * over;
     double u1 = (t1 - e1 * u0) * inverse, u2 = (t2 - e2 * u0) * inverse;
+    double v0 = -(by_x * w + by_y) * over;
     *work += fabs(r0 * u0) + fabs(r1 * u1) + fabs(r2 * u2);
     *s = (vector){w - u0, x - u1, y - u2};
     *q = at(g, *s);
     *energy += fabs(s->x * q->turn) + fabs(s->y * q->along) + fabs(s->z * q->across);
+    return (vector){v0, (w - e1 * v0) * inverse, (1.0 - e2 * v0) * inverse};
 }
 
 INLINE vector legendre_plus(vector s, const parts *q)
@@ -124,23 +128,26 @@ int64_t projected(const double *parameters, double h, double *state, int64_t ste
     for (int64_t step = 0; step < steps; step++) {
         extrapolate(&history, u, 7);
         vector out = load(u), home = load(u + 3), arrived;
-        parts q_out = at(&g, out), q_home = at(&g, home);
         double nu = u[6], last = BEFORE_FIRST, moved = 0.0, before = 0.0;
         for (int i = 0;; i++) {
             double work = 0.0, energy = TINY;
             if (i == MAX_ITERATIONS)
                 return FAILED;
-            newton(&g, (vector){p.x, p.y, p.z + nu * normal}, &out, &q_out, &work, &energy);
+            parts q_out = at(&g, out), q_home = at(&g, home);
+            vector lent = {p.x, p.y, p.z + nu * normal};
+            vector by_out = newton(&g, lent, &out, &q_out, &work, &energy);
             vector hit = legendre_plus(out, &q_out);
             hit.z = 2.0 * g.pull * hit.x - hit.z;
-            newton(&g, hit, &home, &q_home, &work, &energy);
+            vector by_home = newton(&g, hit, &home, &q_home, &work, &energy);
             arrived = legendre_plus(home, &q_home);
             double closing = root * (arrived.z - g.pull * arrived.x) - nu;
-            if (i)
-                inverse = secant(inverse, moved, closing - before, energy);
+            inverse = secant(inverse, moved, closing - before, energy);
             moved = -inverse * closing;
             before = closing;
             nu += moved;
+            /* both flights follow nu; the impact turns the normal round */
+            out = add(out, moved * normal, by_out);
+            home = add(home, -moved * normal, by_home);
             work += fabs(closing * moved);
             iterations++;
             double now = work / energy;
