@@ -492,7 +492,7 @@ class MechanicalSystem:
         mu = self.evaluate("constraints", x)
         drift = self.evaluate("drift", x)
         violation = mu @ (v - drift)
-        size = np.abs(mu) @ (np.abs(v) + np.abs(drift)) + 1e-300
+        size = _largest_violation(mu, metric, v, drift)
         nearest = _nearest_velocity(v, metric, mu[list(rows)], violation[list(rows)])
         if not project and np.max(np.abs(violation) / size, initial=0.0) > _CONSTRAINT_TOLERANCE:
             raise InputError(
@@ -501,6 +501,16 @@ class MechanicalSystem:
                 f"project_start=True takes, is {nearest}"
             )
         return nearest
+
+
+def _largest_violation(
+    mu: FloatArray, metric: FloatArray, v: FloatArray, drift: FloatArray
+) -> FloatArray:
+    """``|mu^a| (|xi| + |Y|)`` in the norms of the metric: no violation can be larger."""
+    lower = np.linalg.cholesky(metric)
+    rows = np.linalg.norm(np.linalg.solve(lower, mu.T), axis=0)
+    speed = np.linalg.norm(lower.T @ v) + np.linalg.norm(lower.T @ drift)
+    return np.asarray(rows * speed + 1e-300)
 
 
 def _nearest_velocity(

@@ -48,10 +48,33 @@ def test_solve_linear_is_numpy_solve(n: int, k: int, seed: int, holes: float) ->
 
 
 def test_a_missing_pivot_is_refused() -> None:
-    antidiagonal = ca.SX(2, 2)
-    antidiagonal[0, 1] = antidiagonal[1, 0] = 3.5
+    hollow = ca.SX.sym("a", 5, 5) * (ca.SX.ones(5, 5) - ca.SX.eye(5))
     with pytest.raises(ZeroDivisionError, match="pivot"):
-        solve_linear(antidiagonal, ca.SX.ones(2, 1))
+        solve_linear(ca.sparsify(hollow), ca.SX.ones(5, 1))
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_a_structurally_singular_matrix_is_refused(n: int) -> None:
+    without_last_row = ca.SX(n, n)
+    without_last_row[: n - 1, :] = ca.SX.sym("a", n - 1, n)
+    with pytest.raises(ZeroDivisionError, match=r"structural|pivot"):
+        solve_linear(without_last_row, ca.SX.ones(n, 1))
+
+
+@settings(max_examples=40, deadline=None)
+@given(n=st.integers(1, 4), seed=st.integers(0, 10**6), spread=st.integers(0, 8))
+def test_badly_scaled_metrics_are_solved_to_their_condition(
+    n: int, seed: int, spread: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    scale = 10.0 ** rng.uniform(-spread, spread, n)
+    root = rng.uniform(-0.4, 0.4, (n, n))
+    well = root @ root.T + np.eye(n)
+    a, b = well * np.outer(scale, scale), rng.uniform(-1, 1, n)
+    found = np.array(ca.evalf(solve_linear(ca.SX(a), ca.SX(b)))).ravel()
+    # row and column scaling are powers; in the scaled unknowns the matrix is well conditioned
+    expected = np.linalg.solve(well, b / scale)
+    np.testing.assert_allclose(found * scale, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
 def test_an_empty_system_has_an_empty_solution() -> None:

@@ -107,7 +107,8 @@ def ball() -> tuple[gni.scenes.Scene, Callable[[float, Any], Any], Any]:
         right[2:5] = np.cross(moments * spin, spin)
         left[5, 0], left[5, 2:5], right[5] = 1, -r * rotation[1], -table * y[12]
         left[6, 1], left[6, 2:5], right[6] = 1, r * rotation[0], table * y[11]
-        return np.concatenate([y[11:13], (rotation @ hat).ravel(), np.linalg.solve(left, right)[:5]])
+        accelerations = np.linalg.solve(left, right)[:5]
+        return np.concatenate([y[11:13], (rotation @ hat).ravel(), accelerations])
 
     return scene, rate, np.concatenate([scene.start.base, scene.start.velocity])
 

@@ -494,6 +494,14 @@ def test_a_violation_of_round_off_is_accepted_and_removed(knife_edge, allowed_ve
     assert abs(mu @ start.velocity)[0] < 1e-15
 
 
+def test_a_projected_velocity_is_accepted_again_though_its_row_sees_only_round_off(particle):
+    system = particle(space=gni.PairGroupoid(3), constraints=[[2.5, 0.0, 0.0]])
+    row_sees = system.state(BASE, [3e-16, -0.7, 0.8]).velocity[0]
+    assert abs(row_sees) < 1e-30
+    with pytest.raises(InputError, match="violates"):
+        system.state(BASE, [3e-7, -0.7, 0.8])
+
+
 def test_project_start_takes_the_nearest_velocity_in_the_metric(particle):
     rows = np.array([[1.0, 0.5, -0.3], [0.2, -0.4, 1.0]])
     drift, given = np.array([0.2, -0.1, 0.4]), np.array([0.9, -1.2, 0.7])
