@@ -16,6 +16,7 @@ class Outcome(IntEnum):
     LEFT_DOMAIN = -6
     CONSTRAINT_LOST = -7
     ADAPTIVE_STEP_FAILED = -8
+    METRIC_INDEFINITE = -9
 
     @property
     def sentence(self) -> str:
@@ -30,8 +31,9 @@ _SENTENCES = {
         "Newton's method for the next arrow did not converge. Usual mend: a smaller step."
     ),
     Outcome.CONSTRAINTS_SINGULAR: (
-        "The constraints became dependent: C = mu G^-1 mu^T is singular. Usual mend: leave out "
-        "the redundant row, or stop before the point where the distribution changes its rank."
+        "The constraints became dependent: C = mu G^-1 mu^T is singular at a node, or the rows "
+        "turned over between two nodes. Usual mend: leave out the redundant row, or stop before "
+        "the point where the distribution changes its rank."
     ),
     Outcome.NOT_FINITE: (
         "The state became infinite or NaN. Usual mend: a smaller step, or look for a singularity "
@@ -48,5 +50,9 @@ _SENTENCES = {
     Outcome.ADAPTIVE_STEP_FAILED: (
         "The adaptive reference method could not go on. Usual mend: look for a singularity near "
         "the last good point, or loosen rtol."
+    ),
+    Outcome.METRIC_INDEFINITE: (
+        "The metric is no longer positive definite. Usual mend: stop before that point, or look "
+        "for a coordinate in which the inertia does not vanish."
     ),
 }

@@ -315,7 +315,7 @@ class MechanicalSystem:
         Terms that were left out are zero.
         """
         self._check_name(name)
-        point = _real_array("base", base)
+        point = real_array("base", base)
         if point.shape[-1:] != (self.space.base_size,):
             raise InputError(
                 f"base points must have shape (..., {self.space.base_size}), got {point.shape}"
@@ -323,6 +323,29 @@ class MechanicalSystem:
         if name not in self._plain:
             return np.zeros(point.shape[:-1] + self._shapes[name])
         return np.asarray(self.recorded(name)(point, self.parameter_vector))
+
+    def velocities(self, base: FloatArray, momenta: FloatArray) -> FloatArray:
+        """``G^-1 (p - A)`` at many nodes: (n, base_size), (n, rank) -> (n, rank)."""
+        shifted = momenta - self.evaluate("gyroscopic", base)
+        metric = self.evaluate("metric", base)
+        try:
+            return np.asarray(np.linalg.solve(metric, shifted[..., None])[..., 0])
+        except np.linalg.LinAlgError:
+            return np.full_like(shifted, np.nan)
+
+    def constraint_residuals(
+        self, base: FloatArray, velocities: FloatArray, relative: bool = False
+    ) -> FloatArray:
+        """``mu (xi - Y)`` of all rows at many nodes: (n, base_size), (n, rank) -> (n, m).
+
+        relative : divided by ``|mu^a| (|xi| + |Y|)`` in the norms of the metric.
+        """
+        mu, drift = self.evaluate("constraints", base), self.evaluate("drift", base)
+        residuals = np.einsum("nar,nr->na", mu, velocities - drift)
+        if relative and self.constraint_count:
+            size = _largest_violations(mu, self.evaluate("metric", base), velocities, drift)
+            residuals = residuals / np.where(size > 0.0, size, 1.0)
+        return np.asarray(residuals)
 
     def state(
         self,
@@ -492,7 +515,7 @@ class MechanicalSystem:
         mu = self.evaluate("constraints", x)
         drift = self.evaluate("drift", x)
         violation = mu @ (v - drift)
-        size = _largest_violation(mu, metric, v, drift)
+        size = _largest_violations(mu[None], metric[None], v[None], drift[None])[0] + 1e-300
         nearest = _nearest_velocity(v, metric, mu[list(rows)], violation[list(rows)])
         if not project and np.max(np.abs(violation) / size, initial=0.0) > _CONSTRAINT_TOLERANCE:
             raise InputError(
@@ -503,14 +526,14 @@ class MechanicalSystem:
         return nearest
 
 
-def _largest_violation(
+def _largest_violations(
     mu: FloatArray, metric: FloatArray, v: FloatArray, drift: FloatArray
 ) -> FloatArray:
-    """``|mu^a| (|xi| + |Y|)`` in the norms of the metric: no violation can be larger."""
-    lower = np.linalg.cholesky(metric)
-    rows = np.linalg.norm(np.linalg.solve(lower, mu.T), axis=0)
-    speed = np.linalg.norm(lower.T @ v) + np.linalg.norm(lower.T @ drift)
-    return np.asarray(rows * speed + 1e-300)
+    """``|mu^a| (|xi| + |Y|)`` in the norms of the metric, (n, m): no violation can be larger."""
+    raised = np.linalg.solve(metric, np.swapaxes(mu, 1, 2))
+    rows = np.sqrt(np.einsum("nar,nra->na", mu, raised))
+    speed = sum(np.sqrt(np.einsum("nr,nrs,ns->n", u, metric, u)) for u in (v, drift))
+    return np.asarray(rows * np.reshape(speed, (-1, 1)))
 
 
 def _nearest_velocity(
@@ -552,7 +575,7 @@ def _checked_parameters(values: Mapping[str, Any]) -> Mapping[str, FloatArray]:
             raise InputError(
                 f"parameter name {name!r} cannot be read as p.name; use letters, digits and _"
             )
-        array = np.array(_real_array(f"parameter {name!r}", value))
+        array = np.array(real_array(f"parameter {name!r}", value))
         if not np.all(np.isfinite(array)):
             raise InputError(f"parameter {name!r} is not finite: {value!r}")
         array.setflags(write=False)
@@ -582,7 +605,7 @@ def _constant_function(constant: FloatArray) -> BaseFunction:
 
 
 def _constant_array(name: str, given: ArrayLike, shape: tuple[int, ...] | None) -> FloatArray:
-    constant = np.array(_real_array(f"{name}, unless it is a function (x, p),", given))
+    constant = np.array(real_array(f"{name}, unless it is a function (x, p),", given))
     if not np.all(np.isfinite(constant)):
         raise InputError(f"{name} holds NaN or infinity:\n{constant}")
     if shape is not None and constant.shape != shape:
@@ -591,7 +614,7 @@ def _constant_array(name: str, given: ArrayLike, shape: tuple[int, ...] | None) 
     return constant
 
 
-def _real_array(name: str, given: Any) -> FloatArray:
+def real_array(name: str, given: Any) -> FloatArray:
     """Real numbers of any kind as floats; text, complex, masked and ragged input is refused."""
     if isinstance(given, np.ma.MaskedArray) and np.ma.is_masked(given):
         raise InputError(f"{name} has masked entries; fill them first: array.filled(value)")
@@ -609,7 +632,7 @@ def _real_array(name: str, given: Any) -> FloatArray:
 def _finite_vector(name: str, given: ArrayLike | None, size: int) -> FloatArray:
     if given is None:
         raise InputError(f"{name} is missing; it needs {size} components")
-    vector = np.array(_real_array(name, given))
+    vector = np.array(real_array(name, given))
     if vector.shape != (size,):
         raise InputError(
             f"{name} must have shape ({size},), got {vector.shape}; components are ordered base "

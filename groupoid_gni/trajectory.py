@@ -19,9 +19,10 @@ from groupoid_gni.errors import InputError, TrajectoryFileError
 from groupoid_gni.expressions import record
 from groupoid_gni.groupoids import LieGroupoid
 from groupoid_gni.outcomes import Outcome
-from groupoid_gni.systems import MechanicalSystem
+from groupoid_gni.systems import MechanicalSystem, real_array
 
 _FORMAT = "groupoid_gni trajectory 1"
+_ARROW_TOLERANCE = 1e-8
 
 
 @dataclass(frozen=True)
@@ -137,17 +138,7 @@ class Trajectory:
         relative : divide by ``|mu^a| (|xi| + |Y|)`` in the norms of the metric, the largest value
             the row could take; independent of units and of the scale of the row.
         """
-        mu = self.system.evaluate("constraints", self.base)
-        drift = self.system.evaluate("drift", self.base)
-        residuals = np.einsum("nar,nr->na", mu, self.velocities - drift)
-        if relative:
-            metric = self.system.evaluate("metric", self.base)
-            raised = np.linalg.solve(metric, np.swapaxes(mu, 1, 2))
-            row_size = np.sqrt(np.einsum("nar,nra->na", mu, raised))
-            speed = _metric_norm(metric, self.velocities) + _metric_norm(metric, drift)
-            size = row_size * speed[:, None]
-            residuals = residuals / np.where(size > 0.0, size, 1.0)
-        return np.asarray(residuals)
+        return self.system.constraint_residuals(self.base, self.velocities, relative)
 
     @property
     def newton_iterations(self) -> FloatArray:
@@ -379,27 +370,38 @@ class Trajectory:
         )
 
 
-def _metric_norm(metric: FloatArray, vectors: FloatArray) -> FloatArray:
-    """|v| at every node, (n,)."""
-    return np.sqrt(np.einsum("nr,nrs,ns->n", vectors, metric, vectors))
-
-
 def starting_arrow(
     space: LieGroupoid, base_point: FloatArray, pose: ArrayLike | None
 ) -> FloatArray:
     """The arrow W_0 ending at the base point with the given pose; the identity for None."""
+    identity = np.asarray(space.identity(base_point), dtype=float)
     if pose is None:
-        return np.asarray(space.identity(base_point), dtype=float)
+        return identity
+    given = real_array("the pose", pose)
     try:
-        arrow = np.asarray(space.arrow_to(base_point, np.array(pose, dtype=float)), dtype=float)
+        arrow = np.asarray(space.arrow_to(base_point, given), dtype=float)
     except (TypeError, ValueError) as error:
-        raise InputError(
-            f"the pose {pose!r} does not fit {type(space).__name__}: {error}"
-        ) from error
+        name = type(space).__name__
+        raise InputError(f"the pose {pose!r} does not fit {name}: {error}") from error
     if arrow.shape != (space.arrow_size,):
         raise InputError(
             f"the pose has shape {np.shape(pose)}; poses of {type(space).__name__} have shape "
-            f"{np.shape(space.pose(space.identity(base_point)))}"
+            f"{np.shape(space.pose(identity))}"
+        )
+    return checked_arrow("the pose", space, arrow)
+
+
+def checked_arrow(name: str, space: LieGroupoid, arrow: FloatArray) -> FloatArray:
+    """Refuse an arrow that is not finite, off its group or on another component of it."""
+    if not np.all(np.isfinite(arrow)):
+        raise InputError(f"{name} must be finite, got {arrow}")
+    defect = float(np.max(np.abs(space.restore_arrow(arrow) - arrow), initial=0.0))
+    matrix = np.asarray(space.pose(arrow))
+    square = matrix.ndim == 2 and matrix.shape[0] == matrix.shape[1]
+    if defect > _ARROW_TOLERANCE or (square and np.linalg.det(matrix) <= 0.0):
+        raise InputError(
+            f"{name} is not on the group of {type(space).__name__}: it is off by {defect:.3g} "
+            f"(allowed {_ARROW_TOLERANCE:.0e}), or its determinant is not positive"
         )
     return arrow
 

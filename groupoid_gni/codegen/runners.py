@@ -185,16 +185,25 @@ class InterpretedStep(StepRunner):
         last, u, carried, iterations = self._iterate(
             parameters, progress.state, guess, memory[HISTORY * n : -1]
         )
-        _, _, _, following, arrows, guards = last
-        if iterations == 0 and n:
-            return Outcome.NEWTON_FAILED, progress, arrows
-        for value, guard in zip(guards, self.program.guards, strict=True):
-            if not value < 1.0:
-                return Outcome(guard.code), progress, arrows
-        if not np.all(np.isfinite(following)):
-            return Outcome.NOT_FINITE, progress, arrows
+        _, _, _, following, arrows, guards, finite = last
+        verdict = self._verdict(guards, iterations > 0 or n == 0, [*following, *finite])
+        if verdict is not Outcome.SUCCESS:
+            return verdict, progress, arrows
         memory = np.concatenate([u, recent[:-1].ravel(), carried, memory[-1:] + iterations])
         return Outcome.SUCCESS, Progress(following, memory, progress.step + 1), arrows
+
+    def _verdict(self, guards: FloatArray, converged: bool, numbers: list[float]) -> Outcome:
+        """As in the machine code: decisive guards, Newton, other guards, finite numbers."""
+        pairs = list(zip(guards, self.program.guards, strict=True))
+        for value, guard in pairs:
+            if guard.decisive and value >= 1.0:
+                return Outcome(guard.code)
+        if not converged:
+            return Outcome.NEWTON_FAILED
+        for value, guard in pairs:
+            if not value < 1.0:
+                return Outcome(guard.code)
+        return Outcome.SUCCESS if np.all(np.isfinite(numbers)) else Outcome.NOT_FINITE
 
     def _iterate(
         self, parameters: FloatArray, state: FloatArray, u: FloatArray, carried: FloatArray
@@ -208,7 +217,8 @@ class InterpretedStep(StepRunner):
             ]
             if u.size == 0:
                 return outputs, u, carried, 0
-            now = float(outputs[2][0] / (outputs[2][1] + rule.TINY))
+            with np.errstate(all="ignore"):
+                now = float(outputs[2][0] / (outputs[2][1] + rule.TINY))
             u, carried = u - outputs[0], outputs[1]
             if rule.finished(now, last, self.program.quadratic):
                 return outputs, u, carried, iteration + 1

@@ -19,7 +19,7 @@ from groupoid_gni.codegen.tape import Tape
 from groupoid_gni.discretization.step_program import HISTORY, StepProgram
 from groupoid_gni.outcomes import Outcome
 
-_UPDATE, _CARRIED, _MEASURE, _NEXT, _ARROWS, _GUARDS = range(6)
+_UPDATE, _CARRIED, _MEASURE, _NEXT, _ARROWS, _GUARDS, _FINITE = range(7)
 _CONSTANT, _PARAMETER, _STATE = range(3)
 _ITERATED = (3, 4, 5)
 _BLOCK_LENGTH = 500
@@ -29,7 +29,7 @@ def step_function(program: StepProgram) -> ca.Function:
     """The program as one function, outputs dense.
 
     (parameters, state, unknowns, carried, later) ->
-    (update, next carried, (work, energy), next state, arrow velocities, guards).
+    (update, next carried, (work, energy), next state, arrow velocities, guards, finite).
     """
     outputs = [
         program.update,
@@ -38,6 +38,7 @@ def step_function(program: StepProgram) -> ca.Function:
         program.next_state,
         program.arrow_velocities,
         ca.vertcat(*[guard.value for guard in program.guards]),
+        program.finite,
     ]
     inputs = [
         program.parameters, program.state, program.unknowns, program.carried, program.later
@@ -134,7 +135,7 @@ class _StepKernel:
         e = self.e
         sizes = self.program.parameters.numel()
         self.values.bind_input(0, [_load(e, "%parameters", i) for i in range(sizes)])
-        everything = self.tape.needed(range(6))
+        everything = self.tape.needed(range(7))
         self.values.emit(everything, [_CONSTANT, _PARAMETER])
         self.start_state = [_load(e, "%state", i) for i in range(self.state_size)]
         self.start_memory = [_load(e, "%memory", i) for i in range(self.memory_size)]
@@ -277,7 +278,7 @@ class _StepKernel:
 
     def _advance(self, values: Values, memory: list[str], converged: str | None) -> None:
         e = self.e
-        values.emit(self.tape.needed([_NEXT, _ARROWS, _GUARDS]), [_STATE, *_ITERATED])
+        values.emit(self.tape.needed([_NEXT, _ARROWS, _GUARDS, _FINITE]), [_STATE, *_ITERATED])
         new = values.output(_NEXT)
         good, code = self._checks(values, new, converged)
         if e.lanes == 1:
@@ -314,22 +315,29 @@ class _StepKernel:
             self._phi("head", "%alive", e.flag_type, *alive)
 
     def _checks(self, values: Values, new: list[str], converged: str | None) -> tuple[str, str]:
-        """Flag that the step is good, and the outcome code in case it is not."""
+        """Flag that the step is good, and the outcome code in case it is not.
+
+        In order: a decisive guard, Newton's verdict, the other guards, numbers that are not finite.
+        """
         e = self.e
-        total = new[0]
-        for name in new[1:]:
+        total, *others = [*new, *values.output(_FINITE)]
+        for name in others:
             total = e.binary("fadd", total, name)
         good = e.compare("oeq", e.binary("fsub", total, total), e.constant(0.0))
         code = self._code(Outcome.NOT_FINITE)
         one = e.constant(1.0)
-        pairs = zip(values.output(_GUARDS), self.program.guards, strict=True)
-        for name, guard in reversed(list(pairs)):
+        pairs = list(zip(values.output(_GUARDS), self.program.guards, strict=True))
+        for name, guard in reversed(pairs):
             fine = e.compare("olt", name, one)
             code = self._choose(fine, code, self._code(guard.code))
             good = e.assign(f"and {e.flag_type} {good}, {fine}")
         if converged is not None:
             code = self._choose(converged, code, self._code(Outcome.NEWTON_FAILED))
             good = e.assign(f"and {e.flag_type} {good}, {converged}")
+        for name, guard in reversed(pairs):
+            if guard.decisive:
+                crossed = e.compare("oge", name, one)
+                code = self._choose(crossed, self._code(guard.code), code)
         return good, code
 
     @property

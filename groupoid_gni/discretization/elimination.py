@@ -163,6 +163,18 @@ def cholesky(matrix: ca.SX) -> tuple[ca.SX, list[Any]]:
     return lower, pivots
 
 
+def determinant(matrix: ca.SX) -> ca.SX:
+    """Determinant of a small square matrix, by cofactors up to three rows."""
+    n = matrix.size1()
+    if n == 1:
+        return matrix[0, 0]
+    if n == 2:
+        return matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0]
+    if n == 3:
+        return ca.dot(matrix[:, 0], ca.cross(matrix[:, 1], matrix[:, 2]))
+    return ca.det(matrix)
+
+
 def solve_lower(lower: ca.SX, right_hand_side: ca.SX) -> ca.SX:
     """Forward substitution ``L^{-1} b`` for a column b."""
     n = lower.size1()

@@ -14,6 +14,7 @@ import casadi as ca
 
 from groupoid_gni.discretization.discrete_lagrangians import DiscreteLagrangian
 from groupoid_gni.discretization.elimination import (
+    determinant,
     solve_linear,
     solve_lower,
     solve_upper,
@@ -36,20 +37,30 @@ class _Inputs:
         self.scales = ca.SX.sym("scales", expressions.constraint_count)
         self.all = ca.vertcat(self.theta, self.h, self.scales)
 
-    def conditioning(self, node: Node) -> list[Guard]:
-        """The constraints must stay independent, and no row may vanish."""
+    def conditioning(self, last: Node, node: Node) -> list[Guard]:
+        """Independent rows at the node, not turned over since the last one; a definite metric.
+
+        No guard divides by what may vanish, so a rank drop exactly at a node is told as such.
+        """
+        singular, indefinite = Outcome.CONSTRAINTS_SINGULAR, Outcome.METRIC_INDEFINITE
         guards = []
+        definite = ca.SX(1)
+        for i, pivot in enumerate(node.metric_pivots):
+            missing = _SINGULAR_PIVOT * node.metric[i, i] - pivot
+            definite = ca.logic_and(definite, missing < 0)
+            guards.append(Guard(1 + missing, indefinite))
         for i, pivot in enumerate(node.pivots):
-            if i:
-                ratio = _SINGULAR_PIVOT * node.gram[i, i] / pivot
-                guards.append(Guard(_not_below_zero(ratio, pivot), Outcome.CONSTRAINTS_SINGULAR))
-            vanishing = _VANISHING_ROW * self.scales[i] / node.gram[i, i]
-            guards.append(Guard(vanishing, Outcome.CONSTRAINTS_SINGULAR))
+            missing = _SINGULAR_PIVOT * node.gram[i, i] - pivot
+            vanished = _VANISHING_ROW * self.scales[i] - node.gram[i, i]
+            worse = (ca.fmax(missing, vanished) if i else vanished) / self.scales[i]
+            # where the metric fails, C fails with it, and the metric is the one to name
+            worse = ca.if_else(definite, worse, -1) if node.metric_pivots else worse
+            guards.append(Guard(1 + worse, singular, decisive=True))
+        if node.pivots and not ca.is_equal(ca.cse(last.mu), ca.cse(node.mu), 1):
+            facing = determinant(ca.mtimes(last.mu, node.normal))
+            scale = ca.exp(ca.sum1(ca.log(self.scales)))
+            guards.append(Guard(1 - facing / scale, singular))
         return guards
-
-
-def _not_below_zero(ratio: ca.SX, pivot: ca.SX) -> ca.SX:
-    return ca.if_else(pivot > 0, ratio, 2)
 
 
 def next_arrow_function(
@@ -93,7 +104,7 @@ def two_step_program(
     state = ca.SX.sym("state", layout.size)
     x0, p0 = state[layout.slices["base"]], state[layout.slices["after"]]
     flight = FreeFlight(e, discrete).from_momentum(x0, p0, inputs.h, inputs.theta, "xi")
-    node = e.node(flight.target, inputs.theta)
+    last, node = e.node(x0, inputs.theta), e.node(flight.target, inputs.theta)
     impulse = node.impulse(flight.momentum)
     monitor = _parasitic_monitor(node, impulse, flight, state, layout)
     arrow = e.retract(x0, flight.arrow) if reconstruct else ca.SX(0, 1)
@@ -106,7 +117,7 @@ def two_step_program(
     )
     guards = [
         Guard(e.reach(x0, flight.arrow), Outcome.LEFT_DOMAIN),
-        *inputs.conditioning(node),
+        *inputs.conditioning(last, node),
     ]
     guess = e.velocity(x0, p0, inputs.theta)
     return StepProgram(
@@ -126,6 +137,7 @@ def two_step_program(
         first_carried=ca.SX(0, 1),
         layout=layout,
         guards=tuple(guards),
+        finite=e.delicate_potential(flight.target, inputs.theta),
     )
 
 
@@ -211,8 +223,8 @@ def projected_program(
     guards = [
         Guard(e.reach(x0, 2 * outward.arrow), Outcome.LEFT_DOMAIN),
         Guard(e.reach(outward.target, 2 * homeward.arrow), Outcome.LEFT_DOMAIN),
-        *inputs.conditioning(middle),
-        *inputs.conditioning(end),
+        *inputs.conditioning(start, middle),
+        *inputs.conditioning(middle, end),
     ]
     guess = e.velocity(x0, p0, inputs.theta)
     energy = outward.energy + homeward.energy
@@ -242,6 +254,7 @@ def projected_program(
         first_carried=search.first_carried,
         layout=layout,
         guards=tuple(guards),
+        finite=e.delicate_potential(homeward.target, inputs.theta),
     )
 
 

@@ -38,10 +38,15 @@ class StateLayout:
 
 @dataclass(frozen=True)
 class Guard:
-    """A quantity that must stay below one, and the outcome code to report when it does not."""
+    """A quantity that must stay below one, and the outcome code to report when it does not.
+
+    decisive : a value of one or more explains a failed Newton iteration and is reported in its
+        place.
+    """
 
     value: Any
     code: int
+    decisive: bool = False
 
 
 @dataclass(frozen=True)
@@ -60,7 +65,7 @@ class StepProgram:
     quadratic : whether the iteration converges quadratically, or only superlinearly.
     next_state : state after the step, from the updated unknowns.
     arrow_velocities : the xi of every flight of the step.
-    guards : checked after every step.
+    guards : checked after every step.  finite : must be finite too, besides the next state.
     first_guess, first_carried : for the first step, from parameters and state only.
     """
 
@@ -80,6 +85,7 @@ class StepProgram:
     first_carried: ca.SX
     layout: StateLayout
     guards: tuple[Guard, ...] = field(default=())
+    finite: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
 
     @property
     def memory_size(self) -> int:

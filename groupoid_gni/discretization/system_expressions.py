@@ -15,6 +15,21 @@ from groupoid_gni.discretization.elimination import cholesky, solve_linear, solv
 from groupoid_gni.expressions import RecordedFunction, record
 from groupoid_gni.systems import MechanicalSystem
 
+_PARTIAL_OPERATIONS = {
+    ca.OP_LOG,
+    ca.OP_LOG1P,
+    ca.OP_SQRT,
+    ca.OP_POW,
+    ca.OP_CONSTPOW,
+    ca.OP_ASIN,
+    ca.OP_ACOS,
+    ca.OP_ACOSH,
+    ca.OP_ATANH,
+    ca.OP_DIV,
+    ca.OP_INV,
+    ca.OP_TAN,
+}
+
 
 def as_matrix(column: ca.SX, rows: int, columns: int) -> ca.SX:
     """A row-major flat column as a sparse matrix without its zeros."""
@@ -25,7 +40,8 @@ class Node:
     """Metric and constraints of a system at one base point x: what a reflection needs.
 
     metric : G, (r, r).  mu : (m, r).  normal : G^-1 mu^T, (r, m).
-    gram : C = mu G^-1 mu^T.  lower : its Cholesky factor L.  offset : Pi = G Y + A, (r,).
+    gram : C = mu G^-1 mu^T.  lower : its Cholesky factor L.  pivots : the squares L_ii^2.
+    metric_pivots : those of G, to be watched; empty for a constant metric.
     """
 
     def __init__(self, expressions: SystemExpressions, x: ca.SX, theta: ca.SX) -> None:
@@ -34,6 +50,7 @@ class Node:
         self.normal = solve_linear(self.metric, self.mu.T)
         self.gram = ca.mtimes(self.mu, self.normal)
         self.lower, self.pivots = cholesky(self.gram)
+        self.metric_pivots = [] if expressions.metric_is_constant else cholesky(self.metric)[1]
         self._drift = expressions.section("drift", x, theta)
         self._gyroscopic = expressions.section("gyroscopic", x, theta)
 
@@ -200,6 +217,14 @@ class SystemExpressions:
         if not self.system.has("potential"):
             return ca.SX(0)
         return self.system.recorded("potential").call_sx(x, theta)
+
+    def delicate_potential(self, x: ca.SX, theta: ca.SX) -> ca.SX:
+        """V(x) where it may stop being a number while its gradient goes on; else nothing."""
+        if not self.system.has("potential"):
+            return ca.SX(0, 1)
+        graph = self.system.recorded("potential").function
+        codes = {graph.instruction_id(k) for k in range(graph.n_instructions())}
+        return self.potential(x, theta) if codes & _PARTIAL_OPERATIONS else ca.SX(0, 1)
 
     def lagrangian(self, x: ca.SX, xi: ca.SX, theta: ca.SX) -> ca.SX:
         """``1/2 xi^T G xi + A xi - V``: the only physics in the library."""

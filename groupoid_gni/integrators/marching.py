@@ -23,6 +23,8 @@ from groupoid_gni.discretization import (
     two_step_program,
 )
 from groupoid_gni.errors import ParasiticModeWarning
+from groupoid_gni.integrators.failure_report import constraint_rows_lost, failure_detail
+from groupoid_gni.integrators.interruption import interruptible
 from groupoid_gni.integrators.methods import GNI
 from groupoid_gni.integrators.requests import check_memory
 from groupoid_gni.outcomes import Outcome
@@ -160,20 +162,22 @@ def _march(request: _Request, show: bool) -> tuple[Chunks, Outcome, str, int]:
     chunks: Chunks = [(request.runner.begin(request.parameters, request.state), np.empty((0, 0)))]
     rescued, size = 0, _FIRST_CHUNK
     try:
-        with progress_bar(request.count, show) as advance_bar:
+        with interruptible() as check, progress_bar(request.count, show) as advance_bar:
             while (done := chunks[-1][0].step) < request.count:
+                check()
                 began = time.perf_counter()
                 outcome = _append_chunk(
                     request, chunks, chunks[-1][0], min(size, request.count - done)
                 )
                 if time.perf_counter() - began < _CHUNK_SECONDS / 2:
                     size *= 2
-                if outcome is Outcome.NEWTON_FAILED and _rescue(request, chunks):
-                    outcome, rescued = Outcome.SUCCESS, rescued + 1
-                if outcome is Outcome.SUCCESS:
-                    outcome = _check_dropped_rows(request, chunks[-1][0])
                 if outcome is not Outcome.SUCCESS:
-                    return chunks, outcome, _failure_detail(request, chunks[-1][0]), rescued
+                    outcome = _try_again(request, chunks)
+                    rescued += outcome is Outcome.SUCCESS
+                if _cut_where_rows_are_lost(request, chunks):
+                    outcome = Outcome.CONSTRAINT_LOST
+                if outcome is not Outcome.SUCCESS:
+                    return chunks, outcome, _detail(request, chunks[-1][0]), rescued
                 advance_bar(chunks[-1][0].step - done)
     except KeyboardInterrupt:
         done = chunks[-1][0].step
@@ -188,70 +192,56 @@ def _append_chunk(request: _Request, chunks: Chunks, begin: Progress, size: int)
     return outcome
 
 
-def _rescue(request: _Request, chunks: Chunks) -> bool:
-    """Try the failed step again from a fresh guess, then with a damped and pivoted Newton."""
+def _try_again(request: _Request, chunks: Chunks) -> Outcome:
+    """Do the failed step from a fresh guess, then with a damped and pivoted Newton iteration.
+
+    An extrapolated guess may lead astray and trip any guard, so every failure gets its second
+    try; the verdict of the fresh guess is the one reported.
+    """
     runner, here = request.runner, chunks[-1][0]
     fresh = runner.with_unknowns(request.parameters, here, None)
-    if _append_chunk(request, chunks, fresh, 1) is Outcome.SUCCESS:
-        return True
+    outcome = _append_chunk(request, chunks, fresh, 1)
+    if outcome is Outcome.SUCCESS:
+        return outcome
     chunks.pop()
-    solved = runner.solve_carefully(request.parameters, here)
-    if solved is None:
+    solved = None
+    if outcome is Outcome.NEWTON_FAILED:
+        solved = runner.solve_carefully(request.parameters, here)
+    if solved is not None:
+        prepared = runner.with_unknowns(request.parameters, here, solved)
+        if _append_chunk(request, chunks, prepared, 1) is Outcome.SUCCESS:
+            return Outcome.SUCCESS
+        chunks.pop()
+    return outcome
+
+
+def _cut_where_rows_are_lost(request: _Request, chunks: Chunks) -> bool:
+    """Drop the nodes of the last chunk from where a left-out row is violated; tell whether any."""
+    if len(request.start.active_rows) == request.system.constraint_count or len(chunks) < 2:
         return False
-    prepared = runner.with_unknowns(request.parameters, here, solved)
-    if _append_chunk(request, chunks, prepared, 1) is Outcome.SUCCESS:
-        return True
-    chunks.pop()
-    return False
+    (begin, _), (end, rows) = chunks[-2:]
+    layout = request.runner.program.layout
+    states = np.vstack([rows[:, : layout.size].reshape(-1, layout.size), end.state])
+    momenta = states[:, layout.slices["before"]] + states[:, layout.slices["after"]]
+    base = states[:, layout.slices["base"]]
+    lost = constraint_rows_lost(request.system, request.start.active_rows, base, momenta / 2)
+    if not np.any(lost):
+        return False
+    kept = int(np.argmax(lost))
+    last = rows[kept - 1, : layout.size] if kept else begin.state
+    step = (begin.step // request.every + kept) * request.every if kept else begin.step
+    chunks[-1] = (Progress(last.copy(), end.memory, step), rows[:kept])
+    return True
 
 
-def _check_dropped_rows(request: _Request, progress: Progress) -> Outcome:
-    """Rows left out at the start as dependent must still hold."""
-    system = request.system
-    dropped = sorted(set(range(system.constraint_count)) - set(request.start.active_rows))
-    if not dropped:
-        return Outcome.SUCCESS
+def _detail(request: _Request, progress: Progress) -> str:
     layout = request.runner.program.layout
     x = progress.state[layout.slices["base"]]
     p = 0.5 * (progress.state[layout.slices["before"]] + progress.state[layout.slices["after"]])
-    metric = system.evaluate("metric", x)
-    velocity = np.linalg.solve(metric, p - system.evaluate("gyroscopic", x))
-    mu, drift = system.evaluate("constraints", x)[dropped], system.evaluate("drift", x)
-    size = np.abs(mu) @ (np.abs(velocity) + np.abs(drift)) + 1e-300
-    violated = np.abs(mu @ (velocity - drift)) > 1e-8 * size
-    return Outcome.CONSTRAINT_LOST if np.any(violated) else Outcome.SUCCESS
-
-
-def _failure_detail(request: _Request, progress: Progress) -> str:
-    """Where the run stopped, with the numbers that tell why."""
-    system, layout = request.system, request.runner.program.layout
-    x = progress.state[layout.slices["base"]]
-    p = 0.5 * (progress.state[layout.slices["before"]] + progress.state[layout.slices["after"]])
-    text = (
-        f"Failed in step {progress.step + 1} of {request.count}, after t = "
-        f"{progress.step * request.h:.6g}"
-    )
-    if x.size:
-        text += f", at the base point {np.array2string(x, precision=6, threshold=12)}"
-    with np.errstate(all="ignore"):
-        metric = system.evaluate("metric", x)
-        eigenvalues = np.linalg.eigvalsh(metric) if np.all(np.isfinite(metric)) else [np.nan]
-        if not eigenvalues[0] > 0:
-            return text + f"; the metric is no longer positive definite there: {eigenvalues}."
-        velocity = np.linalg.solve(metric, p - system.evaluate("gyroscopic", x))
-        text += f", velocity {np.array2string(velocity, precision=6, threshold=12)}"
-        rows = list(request.start.active_rows)
-        if rows:
-            mu = system.evaluate("constraints", x)[rows]
-            condition = np.linalg.cond(mu @ np.linalg.solve(metric, mu.T))
-            text += f"; condition number of C there {condition:.3g}"
-        reach = float(np.max(np.asarray(system.space.reach(x, request.h * velocity))))
-        if reach > 0.5:
-            text += (
-                f"; one step covers {reach:.2f} of the retraction's domain: use a step below "
-                f"{abs(request.h) * 0.5 / reach:.2g}"
-            )
-    return text + "."
+    rows = request.start.active_rows
+    scales = request.parameters[len(request.parameters) - len(rows) :]
+    where = (progress.step, request.count)
+    return failure_detail(request.system, rows, scales, request.h, where, (x, p))
 
 
 def _collect(

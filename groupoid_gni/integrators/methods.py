@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from groupoid_gni.discretization import DiscreteLagrangian, EulerB
 from groupoid_gni.errors import InputError
 
@@ -74,7 +76,8 @@ class ReferenceFlow:
 
     def __post_init__(self) -> None:
         for name, value in (("rtol", self.rtol), ("atol", self.atol)):
-            if value is not None and not 0.0 < value < 1.0:
+            number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+            if value is not None and not (number and 0.0 < value < 1.0):
                 raise InputError(f"{name} must lie between 0 and 1, got {value!r}")
         if self.rtol < 1e-13:
             raise InputError(f"rtol={self.rtol} is below what doubles can give; use 1e-13 or more")

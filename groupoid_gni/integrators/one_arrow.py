@@ -11,7 +11,8 @@ from groupoid_gni.discretization import DiscreteLagrangian, SystemExpressions, n
 from groupoid_gni.errors import InputError, StepFailure
 from groupoid_gni.integrators.requests import checked_step
 from groupoid_gni.outcomes import Outcome
-from groupoid_gni.systems import MechanicalSystem
+from groupoid_gni.systems import MechanicalSystem, real_array
+from groupoid_gni.trajectory import checked_arrow
 
 _ITERATIONS = 50
 
@@ -33,12 +34,13 @@ def next_arrow(
     if not isinstance(discrete_lagrangian, DiscreteLagrangian):
         raise InputError(f"expected a discrete Lagrangian, got {discrete_lagrangian!r}")
     h = checked_step(step)
-    g = np.array(arrow, dtype=float)
+    g = real_array("arrow", arrow)
     if g.shape != (space.arrow_size,) or not np.all(np.isfinite(g)):
         raise InputError(
             f"arrow must be {space.arrow_size} finite numbers; make one with "
-            "space.retract(base, step * velocity)"
+            f"space.retract(base, step * velocity). Got shape {g.shape}: {g}"
         )
+    checked_arrow("arrow", space, g)
     x0 = np.asarray(space.source(g), dtype=float)
     xi = np.asarray(space.lift(g), dtype=float) / h
     x1 = np.asarray(space.target(g), dtype=float)

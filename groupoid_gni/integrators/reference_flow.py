@@ -10,6 +10,8 @@ import numpy as np
 from groupoid_gni.array_types import FloatArray
 from groupoid_gni.codegen import compile_field
 from groupoid_gni.discretization import StateLayout, SystemExpressions, reference_field
+from groupoid_gni.integrators.failure_report import constraint_rows_lost
+from groupoid_gni.integrators.interruption import interruptible
 from groupoid_gni.integrators.marching import progress_bar
 from groupoid_gni.integrators.methods import ReferenceFlow
 from groupoid_gni.integrators.requests import check_memory
@@ -48,11 +50,16 @@ def integrate_reference(
     outcome, detail = Outcome.SUCCESS, ""
     atol = method.atol if method.atol is not None else 1e-2 * method.rtol
     try:
-        with progress_bar(count, progress) as advance_bar, np.errstate(all="ignore"):
+        with (
+            interruptible() as check,
+            progress_bar(count, progress) as advance_bar,
+            np.errstate(all="ignore"),
+        ):
             solver = DOP853(
                 right_hand_side, 0.0, rows[0, :-1], count * h, rtol=method.rtol, atol=atol
             )
             while filled < len(steps):
+                check()
                 message = solver.step()
                 if solver.status == "failed" or not np.all(np.isfinite(solver.y)):
                     outcome = Outcome.ADAPTIVE_STEP_FAILED
@@ -66,6 +73,11 @@ def integrate_reference(
                     filled = reached
     except KeyboardInterrupt:
         outcome, detail = Outcome.INTERRUPTED, f"Stopped after node {filled} of {len(steps)}."
+    lost = constraint_rows_lost(system, start.active_rows, rows[:filled, :n], rows[:filled, n:-1])
+    if np.any(lost):
+        filled = int(np.argmax(lost))
+        outcome = Outcome.CONSTRAINT_LOST
+        detail = f"Stopped at t = {steps[filled - 1] * h:.6g}."
     return Trajectory(
         system=system,
         method_name=str(method),

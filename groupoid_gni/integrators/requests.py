@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from typing import Any
 
 import numpy as np
@@ -95,9 +94,7 @@ def checked_start(system: MechanicalSystem, start: State) -> State:
             f"({system.space.rank},)"
         )
     # with_parameters may have changed metric and drift since the start was made
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return system.state(start.base if system.space.base_size else None, start.velocity)
+    return system.checked_again(start)
 
 
 def checked_pose(

@@ -52,11 +52,10 @@ def worst_residual(a: zoo.Animal, run: gni.Trajectory) -> float:
 # Constraints.
 
 
-@pytest.mark.parametrize("affine", [False, True], ids=["linear", "affine"])
 @pytest.mark.parametrize("name", NAMES)
-def test_mean_momentum_satisfies_the_constraint_at_every_node(name: str, affine: bool) -> None:
-    number = NAMES.index(name) + affine
-    a = zoo.animal(name, 1 + number % 3, affine=affine, gyroscopic=number % 2 == 0)
+def test_mean_momentum_satisfies_the_constraint_at_every_node(name: str) -> None:
+    number = NAMES.index(name)
+    a = zoo.animal(name, 1 + number % 3, affine=number % 2 == 0, gyroscopic=number % 5 == 0)
     methods = [gni.GNI(), RULES[number % 4]]
     for method in methods if a.system.constraint_count else []:
         run = run_quietly(a.system, a.start, step=0.06, n_steps=40, method=method, compile=False)
@@ -336,7 +335,7 @@ def test_a_constant_one_form_changes_nothing(method: Any) -> None:
 def test_next_arrow_agrees_with_integrate(name: str, rule: Any) -> None:
     a = zoo.animal(name, 2, affine=True, gyroscopic=True)
     h = 0.07
-    run = run_quietly(a.system, a.start, step=h, n_steps=12, method=rule)
+    run = run_quietly(a.system, a.start, step=h, n_steps=12, method=rule, compile=False)
     for g, following in zip(run.arrows, run.arrows[1:], strict=False):
         found = gni.next_arrow(a.system, rule, g, step=h)
         np.testing.assert_allclose(found, following, atol=1e-13)
@@ -428,7 +427,7 @@ def test_reconstruction_afterwards_is_reconstruction_in_the_loop(name: str, meth
 @pytest.mark.parametrize("method", [gni.Midpoint(), gni.GNI()], ids=str)
 def test_arrows_run_from_node_to_node_and_reconstruct_the_base(name: str, method: Any) -> None:
     a = zoo.animal(name, 2)
-    run = run_quietly(a.system, a.start, step=0.05, n_steps=50, method=method)
+    run = run_quietly(a.system, a.start, step=0.05, n_steps=50, method=method, compile=False)
     space = a.system.space
     np.testing.assert_allclose(space.source(run.arrows), run.base[:-1], atol=1e-13)
     np.testing.assert_allclose(space.target(run.arrows), run.base[1:], atol=1e-13)
@@ -462,12 +461,11 @@ def test_save_every_and_chunks_do_not_change_a_bit(method: Any) -> None:
     np.testing.assert_array_equal(at_once.state, every.rows[-1, state])
 
 
-@pytest.mark.parametrize("method", [gni.EulerB(), gni.Midpoint(), gni.GNI()], ids=str)
-@pytest.mark.parametrize("name", [*zoo.SMALL, "SE3 right exp", "action left exp", "twelve"])
+@pytest.mark.parametrize("method", [gni.Midpoint(), gni.GNI()], ids=str)
+@pytest.mark.parametrize("name", [*zoo.SMALL, "action left exp"])
 def test_casadi_evaluator_agrees_with_machine_code(name: str, method: Any) -> None:
     a = zoo.animal(name, 2, affine=True, gyroscopic=True)
-    n = 30 if name == "twelve" else 200
-    options = {"step": 0.02, "n_steps": n, "method": method}
+    options = {"step": 0.02, "n_steps": 200, "method": method}
     machine = run_quietly(a.system, a.start, **options)
     evaluator = run_quietly(a.system, a.start, **options, compile=False)
     np.testing.assert_allclose(machine.base, evaluator.base, atol=1e-12)
