@@ -193,69 +193,87 @@ def projected_program(
     irrelevant. ``second`` must be the adjoint of ``first`` for the step to be self-adjoint.
     """
     e, inputs = expressions, _Inputs(expressions)
-    m, half = e.constraint_count, inputs.h / 2
-    layout = StateLayout.of(
-        {
-            "base": e.base_size,
-            "after": e.rank,
-            **_reconstructed_part(e, reconstruct),
-        },
-        aliases={"before": "after"},
-    )
+    parts = {"base": e.base_size, "after": e.rank, **_reconstructed_part(e, reconstruct)}
+    layout = StateLayout.of(parts, aliases={"before": "after"})
     state = ca.SX.sym("state", layout.size)
     x0, p0 = state[layout.slices["base"]], state[layout.slices["after"]]
-    nu = ca.SX.sym("nu", m)
-    start = e.node(x0, inputs.theta)
-    displaced = p0 + start.normal_vector(nu) if m else p0
-    outward = FreeFlight(e, first).from_momentum(x0, displaced, half, inputs.theta, "xi_a")
-    middle = e.node(outward.target, inputs.theta)
-    homeward = FreeFlight(e, second).from_momentum(
-        outward.target, middle.reflect(outward.momentum), half, inputs.theta, "xi_b"
-    )
-    end = e.node(homeward.target, inputs.theta)
-    returned = end.normal_component(homeward.momentum)
-    isometry = _matching_isometry(start, end, e.metric_is_constant)
-    closing = ca.mtimes(isometry.T, returned) - nu
-    next_state = ca.vertcat(e.restore_base(homeward.target), end.project(homeward.momentum))
+    step = _ProjectedStep(e, inputs, x0, p0, FreeFlight(e, first), FreeFlight(e, second))
+    next_state = step.next_state
     if reconstruct:
-        arrow = _product_of_flights(e, x0, outward, homeward)
+        arrow = e.continue_arrow(
+            e.retract(x0, step.outward.arrow),
+            e.retract(step.outward.target, step.homeward.arrow),
+        )
         next_state = ca.vertcat(next_state, _reconstruction(e, state, layout, arrow))
-    guards = [
-        Guard(e.reach(x0, 2 * outward.arrow), Outcome.LEFT_DOMAIN),
-        Guard(e.reach(outward.target, 2 * homeward.arrow), Outcome.LEFT_DOMAIN),
-        *inputs.conditioning(start, middle),
-        *inputs.conditioning(middle, end),
-    ]
     guess = e.velocity(x0, p0, inputs.theta)
-    energy = outward.energy + homeward.energy
-    search = _Broyden(m, closing, energy)
-    # a new nu shifts both flights; following it here saves most of an iteration
-    lent = start.normal_vector(search.update) if m else ca.SX(e.rank, 1)
-    shift_outward = outward.response(lent)
-    shift_homeward = homeward.response(middle.reflect_change(lent))
+    flights = (step.outward, step.homeward)
     return StepProgram(
         parameters=inputs.all,
         state=state,
-        unknowns=ca.vertcat(outward.unknowns, homeward.unknowns, nu),
-        carried=search.carried,
-        later=search.later,
-        update=ca.vertcat(
-            outward.update + shift_outward, homeward.update + shift_homeward, search.update
-        ),
-        next_carried=search.next_carried,
-        work=outward.work + homeward.work + search.work,
-        energy=energy,
+        unknowns=ca.vertcat(*[flight.unknowns for flight in flights], step.nu),
+        carried=step.search.carried,
+        later=step.search.later,
+        update=step.update,
+        next_carried=step.search.next_carried,
+        work=step.outward.work + step.homeward.work + step.search.work,
+        energy=step.energy,
         quadratic=False,
         next_state=next_state,
-        arrow_velocities=ca.vertcat(outward.velocity, homeward.velocity),
+        arrow_velocities=ca.vertcat(*[flight.velocity for flight in flights]),
         first_guess=ca.vertcat(
-            guess[list(outward.implicit), 0], guess[list(homeward.implicit), 0], ca.SX.zeros(m, 1)
+            *[guess[list(flight.implicit), 0] for flight in flights],
+            ca.SX.zeros(step.nu.numel(), 1),
         ),
-        first_carried=search.first_carried,
+        first_carried=step.search.first_carried,
         layout=layout,
-        guards=tuple(guards),
-        finite=e.delicate_potential(homeward.target, inputs.theta),
+        guards=tuple(step.guards),
+        finite=e.delicate_potential(step.homeward.target, inputs.theta),
     )
+
+
+class _ProjectedStep:
+    """Start, outward flight, middle, homeward flight and end of a projected step."""
+
+    def __init__(
+        self,
+        e: SystemExpressions,
+        inputs: _Inputs,
+        x0: ca.SX,
+        p0: ca.SX,
+        first: FreeFlight,
+        second: FreeFlight,
+    ) -> None:
+        m, half = e.constraint_count, inputs.h / 2
+        self.nu = ca.SX.sym("nu", m)
+        start = e.node(x0, inputs.theta)
+        displaced = p0 + start.normal_vector(self.nu) if m else p0
+        self.outward = first.from_momentum(x0, displaced, half, inputs.theta, "xi_a")
+        middle = e.node(self.outward.target, inputs.theta)
+        reflected = middle.reflect(self.outward.momentum)
+        self.homeward = second.from_momentum(
+            self.outward.target, reflected, half, inputs.theta, "xi_b"
+        )
+        end = e.node(self.homeward.target, inputs.theta)
+        self.energy = self.outward.energy + self.homeward.energy
+        isometry = _matching_isometry(start, end, e.metric_is_constant)
+        returned = end.normal_component(self.homeward.momentum)
+        self.search = _Broyden(m, ca.mtimes(isometry.T, returned) - self.nu, self.energy)
+        # a new nu shifts both flights; following it here saves most of an iteration
+        lent = start.normal_vector(self.search.update) if m else ca.SX(e.rank, 1)
+        self.update = ca.vertcat(
+            self.outward.update + self.outward.response(lent),
+            self.homeward.update + self.homeward.response(middle.reflect_change(lent)),
+            self.search.update,
+        )
+        self.next_state = ca.vertcat(
+            e.restore_base(self.homeward.target), end.project(self.homeward.momentum)
+        )
+        self.guards = [
+            Guard(e.reach(x0, 2 * self.outward.arrow), Outcome.LEFT_DOMAIN),
+            Guard(e.reach(self.outward.target, 2 * self.homeward.arrow), Outcome.LEFT_DOMAIN),
+            *inputs.conditioning(start, middle),
+            *inputs.conditioning(middle, end),
+        ]
 
 
 class _Broyden:
@@ -289,14 +307,6 @@ class _Broyden:
         row = ca.mtimes(moved.T, inverse)
         correction = ca.mtimes(moved - expected, row) / safe
         return inverse + ca.if_else(tells, correction, ca.SX.zeros(*inverse.shape))
-
-
-def _product_of_flights(
-    e: SystemExpressions, x0: ca.SX, outward: Flight, homeward: Flight
-) -> ca.SX:
-    return e.continue_arrow(
-        e.retract(x0, outward.arrow), e.retract(outward.target, homeward.arrow)
-    )
 
 
 def _matching_isometry(start: Node, end: Node, same_metric: bool) -> ca.SX:

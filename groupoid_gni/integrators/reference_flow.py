@@ -31,66 +31,91 @@ def integrate_reference(
     compile: bool,
 ) -> Trajectory:
     """Nodes ``k h`` of the solution of the equations of motion; a failure keeps the good nodes."""
-    from scipy.integrate import DOP853
-
     n, r = system.space.base_size, system.space.rank
     layout = StateLayout.of({"base": n, "after": r}, aliases={"before": "after"})
     check_memory(count // every + 2, layout.size + 1)
-    field = _field(system, start.active_rows, compile)
-    theta = system.parameter_vector
-    steps = np.unique(np.append(np.arange(0, count + 1, every), count))
-    rows = np.zeros((len(steps), n + r + 1))
-    rows[0, :-1] = np.concatenate([start.base, start.momentum])
-    began, filled, evaluations = time.perf_counter(), 1, [0]
-
-    def right_hand_side(_: float, y: FloatArray) -> FloatArray:
-        evaluations[0] += 1
-        return np.asarray(field(theta, y))
-
-    outcome, detail = Outcome.SUCCESS, ""
-    atol = method.atol if method.atol is not None else 1e-2 * method.rtol
-    try:
-        with (
-            interruptible() as check,
-            progress_bar(count, progress) as advance_bar,
-            np.errstate(all="ignore"),
-        ):
-            solver = DOP853(
-                right_hand_side, 0.0, rows[0, :-1], count * h, rtol=method.rtol, atol=atol
-            )
-            while filled < len(steps):
-                check()
-                message = solver.step()
-                if solver.status == "failed" or not np.all(np.isfinite(solver.y)):
-                    outcome = Outcome.ADAPTIVE_STEP_FAILED
-                    detail = f"Stopped at t = {solver.t:.6g}. {message or ''}".strip()
-                    break
-                reached = _nodes_reached(steps, h, filled, solver.t)
-                if reached > filled:
-                    times = steps[filled:reached] * h
-                    rows[filled:reached, :-1] = solver.dense_output()(times).T
-                    advance_bar(int(steps[reached - 1] - steps[filled - 1]))
-                    filled = reached
-    except KeyboardInterrupt:
-        outcome, detail = Outcome.INTERRUPTED, f"Stopped after node {filled} of {len(steps)}."
+    sampling = _Sampling(
+        field=_field(system, start.active_rows, compile),
+        theta=system.parameter_vector,
+        steps=np.unique(np.append(np.arange(0, count + 1, every), count)),
+        h=h,
+        first=np.concatenate([start.base, start.momentum]),
+    )
+    began = time.perf_counter()
+    outcome, detail = sampling.run(method, progress)
+    rows, filled = sampling.rows, sampling.filled
     lost = constraint_rows_lost(system, start.active_rows, rows[:filled, :n], rows[:filled, n:-1])
     if np.any(lost):
         filled = int(np.argmax(lost))
         outcome = Outcome.CONSTRAINT_LOST
-        detail = f"Stopped at t = {steps[filled - 1] * h:.6g}."
+        detail = f"Stopped at t = {sampling.steps[filled - 1] * h:.6g}."
     return Trajectory(
         system=system,
         method_name=str(method),
         step_size=h,
-        node_steps=steps[:filled],
+        node_steps=sampling.steps[:filled],
         rows=rows[:filled],
         layout=layout,
         active_rows=start.active_rows,
         flights=0,
         outcome=outcome,
-        detail=detail or f"{evaluations[0]} evaluations of the equations of motion.",
+        detail=detail,
         seconds=time.perf_counter() - began,
     )
+
+
+class _Sampling:
+    """DOP853 over the interval, its dense output read at the nodes."""
+
+    def __init__(
+        self, field: Any, theta: FloatArray, steps: np.ndarray, h: float, first: FloatArray
+    ) -> None:
+        self.steps, self.h = steps, h
+        self.rows = np.zeros((len(steps), len(first) + 1))
+        self.rows[0, :-1] = first
+        self.filled = 1
+        self.evaluations = 0
+        self._field, self._theta = field, theta
+
+    def _right_hand_side(self, _: float, y: FloatArray) -> FloatArray:
+        self.evaluations += 1
+        return np.asarray(self._field(self._theta, y))
+
+    def run(self, method: ReferenceFlow, progress: bool) -> tuple[Outcome, str]:
+        """Fill the rows; nodes reached before a failure or Ctrl-C stay."""
+        count = int(self.steps[-1])
+        try:
+            with (
+                interruptible() as check,
+                progress_bar(count, progress) as advance_bar,
+                np.errstate(all="ignore"),
+            ):
+                return self._march(method, check, advance_bar)
+        except KeyboardInterrupt:
+            done = self.steps[self.filled - 1]
+            return Outcome.INTERRUPTED, f"Stopped after step {done} of {count}."
+
+    def _march(self, method: ReferenceFlow, check: Any, advance_bar: Any) -> tuple[Outcome, str]:
+        from scipy.integrate import DOP853
+
+        atol = method.atol if method.atol is not None else 1e-2 * method.rtol
+        end = self.steps[-1] * self.h
+        solver = DOP853(
+            self._right_hand_side, 0.0, self.rows[0, :-1], end, rtol=method.rtol, atol=atol
+        )
+        while self.filled < len(self.steps):
+            check()
+            message = solver.step()
+            if solver.status == "failed" or not np.all(np.isfinite(solver.y)):
+                detail = f"Stopped at t = {solver.t:.6g}. {message or ''}".strip()
+                return Outcome.ADAPTIVE_STEP_FAILED, detail
+            reached = _nodes_reached(self.steps, self.h, self.filled, solver.t)
+            if reached > self.filled:
+                times = self.steps[self.filled : reached] * self.h
+                self.rows[self.filled : reached, :-1] = solver.dense_output()(times).T
+                advance_bar(int(self.steps[reached - 1] - self.steps[self.filled - 1]))
+                self.filled = reached
+        return Outcome.SUCCESS, f"{self.evaluations} evaluations of the equations of motion."
 
 
 def _nodes_reached(steps: np.ndarray, h: float, filled: int, t: float) -> int:
