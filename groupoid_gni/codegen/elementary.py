@@ -35,18 +35,19 @@ def sine_cosine_function(lanes: int, fused: bool) -> tuple[list[str], set[str]]:
     e = Emitter(lanes, fused)
     pair = f"{{ {e.type}, {e.type} }}"
     lines = [f"define internal fastcc {pair} @gni_sincos({e.type} %x) alwaysinline {{", "entry:"]
-    size = e.intrinsic("fabs", "%x")
     if fused:
-        small = e.compare("ole", size, e.constant(_LARGEST))
+        small = e.compare("ole", e.intrinsic("fabs", "%x"), e.constant(_LARGEST))
+        near = _polynomials(e)
         e.line(f"br i1 {_all(e, small)}, label %near, label %far")
         e.label("near")
-        sine, cosine = _polynomials(e)
-        _return(e, pair, sine, cosine)
+        _return(e, pair, *near)
+        e.label("far")
+        # lanes that are not far keep their polynomial: a neighbour must not change their bits
+        far = (e.library("sin", "%x"), e.library("cos", "%x"))
+        _return(e, pair, *[e.select(small, n, f) for n, f in zip(near, far, strict=True)])
     else:
         # three-part reduction needs single-rounding products: without them the library is safer
-        e.line("br label %far")
-    e.label("far")
-    _return(e, pair, e.library("sin", "%x"), e.library("cos", "%x"))
+        _return(e, pair, e.library("sin", "%x"), e.library("cos", "%x"))
     return [*lines, *e.lines, "}"], e.declarations
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from groupoid_gni.array_types import FloatArray
@@ -39,6 +41,18 @@ def chaplygin_sleigh(
         parameters={"m": mass, "J": inertia, "a": offset},
     )
     start = system.state(velocity=[spin, speed, 0.0])
+    return Scene(
+        system,
+        start,
+        "Chaplygin sleigh in body velocities; position and heading left out (symmetry SE(2))",
+        _exact_motion(mass, inertia, offset, spin, speed) if spin and offset else None,
+    )
+
+
+def _exact_motion(
+    mass: float, inertia: float, offset: float, spin: float, speed: float
+) -> Callable[[FloatArray], tuple[FloatArray, FloatArray]]:
+    """The closed form of the docstring above, through the start."""
     about_blade = inertia + mass * offset**2
     twice_energy = mass * speed**2 + about_blade * spin**2
     top_speed, top_spin = np.sqrt(twice_energy / mass), np.sqrt(twice_energy / about_blade)
@@ -52,9 +66,4 @@ def chaplygin_sleigh(
         velocity = np.stack([omega, along, np.zeros_like(along)], axis=-1)
         return np.zeros((len(velocity), 0)), velocity
 
-    return Scene(
-        system,
-        start,
-        "Chaplygin sleigh in body velocities; position and heading left out (symmetry SE(2))",
-        exact if spin != 0.0 and offset != 0.0 else None,
-    )
+    return exact

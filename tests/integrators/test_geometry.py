@@ -38,14 +38,20 @@ def run_quietly(*args: Any, **options: Any) -> gni.Trajectory:
 
 
 def worst_residual(a: zoo.Animal, run: gni.Trajectory) -> float:
-    """Largest |mu (xi - Y)| / (|mu| (|xi| + |Y|)) over nodes and rows, in plain NumPy."""
+    """Largest |mu (xi - Y)| over nodes and rows, in plain NumPy.
+
+    Relative to |mu| (|xi| + |Y|), |xi| the mean of its sizes before and after the impact: the mean
+    itself may pass through zero.
+    """
     worst = 0.0
-    for x, p in zip(run.base, (run.momenta_before + run.momenta_after) / 2, strict=True):
-        velocity = np.linalg.solve(a.plain.metric(x), p - a.plain.gyroscopic(x))
+    for x, *momenta in zip(run.base, run.momenta_before, run.momenta_after, strict=True):
+        form = a.plain.gyroscopic(x)
+        before, after = (np.linalg.solve(a.plain.metric(x), p - form) for p in momenta)
         mu, drift = a.plain.constraints(x), a.plain.drift(x)
-        size = np.linalg.norm(velocity) + np.linalg.norm(drift)
+        size = (np.linalg.norm(before) + np.linalg.norm(after)) / 2 + np.linalg.norm(drift)
         for row in mu:
-            worst = max(worst, abs(row @ (velocity - drift)) / (np.linalg.norm(row) * size))
+            residual = abs(row @ ((before + after) / 2 - drift))
+            worst = max(worst, residual / (np.linalg.norm(row) * size))
     return worst
 
 
@@ -72,7 +78,7 @@ def test_mean_momentum_satisfies_the_constraint_for_all_methods(
     a = zoo.animal(name, m, affine=affine, gyroscopic=True, seed=11)
     if a.system.constraint_count:
         for method in METHODS if name not in EXPENSIVE else METHODS[2:3]:
-            run = run_quietly(a.system, a.start, step=0.05, n_steps=300, method=method)
+            run = run_quietly(a.system, a.start, step=0.05, n_steps=100, method=method)
             assert worst_residual(a, run) < 1e-13
 
 
