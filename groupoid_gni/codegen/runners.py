@@ -186,7 +186,9 @@ class InterpretedStep(StepRunner):
             parameters, progress.state, guess, memory[HISTORY * n : -1]
         )
         _, _, _, following, arrows, guards, finite = last
-        verdict = self._verdict(guards, iterations > 0 or n == 0, [*following, *finite])
+        parts = self.program.layout.positions("base", "after", "reconstructed")
+        numbers = [*following[parts], *finite]
+        verdict = self._verdict(guards, iterations > 0 or n == 0, numbers)
         if verdict is not Outcome.SUCCESS:
             return verdict, progress, arrows
         memory = np.concatenate([u, recent[:-1].ravel(), carried, memory[-1:] + iterations])

@@ -320,9 +320,13 @@ class _StepKernel:
         In order: a decisive guard, Newton's verdict, the other guards, numbers that are not finite.
         """
         e = self.e
-        total, *others = [*new, *values.output(_FINITE)]
-        for name in others:
-            total = e.binary("fadd", total, name)
+        # everything else in the state is made of these parts; a tree, so nothing waits in a chain
+        sums = [new[i] for i in self.program.layout.positions("base", "after", "reconstructed")]
+        sums += values.output(_FINITE)
+        while len(sums) > 1:
+            couples = zip(sums[::2], sums[1::2], strict=False)
+            sums = [*(e.binary("fadd", a, b) for a, b in couples), *sums[len(sums) & ~1 :]]
+        total = sums[0]
         good = e.compare("oeq", e.binary("fsub", total, total), e.constant(0.0))
         code = self._code(Outcome.NOT_FINITE)
         one = e.constant(1.0)

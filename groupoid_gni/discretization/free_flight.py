@@ -46,8 +46,8 @@ class Flight:
     energy: ca.SX
 
     def response(self, dp: ca.SX) -> ca.SX:
-        """Change of the unknowns when p0 changes by dp, to first order."""
-        return solve_linear(self.jacobian, dp[list(self.implicit), 0])
+        """Change of the unknowns when p0 changes by the columns of dp, to first order."""
+        return solve_linear(self.jacobian, dp[list(self.implicit), :])
 
 
 class FreeFlight:

@@ -258,11 +258,15 @@ class _ProjectedStep:
         isometry = _matching_isometry(start, end, e.metric_is_constant)
         returned = end.normal_component(self.homeward.momentum)
         self.search = _Broyden(m, ca.mtimes(isometry.T, returned) - self.nu, self.energy)
-        # a new nu shifts both flights; following it here saves most of an iteration
-        lent = start.normal_vector(self.search.update) if m else ca.SX(e.rank, 1)
+        # a new nu shifts both flights; following it here saves most of an iteration. Column by
+        # column, so that only the last product waits for the update
+        units = ca.horzsplit(ca.SX.eye(m))
+        lent = ca.horzcat(ca.SX(e.rank, 0), *[start.normal_vector(unit) for unit in units])
+        to_outward = self.outward.response(lent)
+        to_homeward = self.homeward.response(middle.reflect_change(lent))
         self.update = ca.vertcat(
-            self.outward.update + self.outward.response(lent),
-            self.homeward.update + self.homeward.response(middle.reflect_change(lent)),
+            self.outward.update + ca.mtimes(to_outward, self.search.update),
+            self.homeward.update + ca.mtimes(to_homeward, self.search.update),
             self.search.update,
         )
         self.next_state = ca.vertcat(

@@ -35,6 +35,11 @@ class StateLayout:
             slices[alias] = slices[name]
         return cls(slices, start)
 
+    def positions(self, *names: str) -> list[int]:
+        """Indices in the state of the named parts, those that are there."""
+        present = [self.slices[name] for name in names if name in self.slices]
+        return [i for part in present for i in range(part.start, part.stop)]
+
 
 @dataclass(frozen=True)
 class Guard:

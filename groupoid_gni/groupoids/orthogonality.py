@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from groupoid_gni.array_types import Array
-from groupoid_gni.groupoids.components import largest, transpose
+from groupoid_gni.groupoids.components import dot, largest, matrix_of, transpose
 
 
 def orthogonality_defect(matrix: Array) -> Array:
@@ -23,9 +23,19 @@ def orthogonality_defect(matrix: Array) -> Array:
 
 
 def orthogonality_step(matrix: Array) -> Array:
-    """Give R - R (R^T R - 1) / 2: a defect d becomes 3 d^2 / 4."""
-    gram = transpose(matrix) @ matrix - np.eye(np.shape(matrix)[-1])
-    return matrix - matrix @ gram / 2
+    """Give R + R (1 - R^T R) / 2: a defect d becomes 3 d^2 / 4.
+
+    Written out: a recording does not see that R^T R is symmetric.
+    """
+    n = np.shape(matrix)[-1]
+    columns = [matrix[..., i] for i in range(n)]
+    half = {
+        (i, j): 0.5 * (i == j) - 0.5 * dot(columns[i], columns[j])
+        for i in range(n)
+        for j in range(i + 1)
+    }
+    rows = [[half[max(i, j), min(i, j)] for j in range(n)] for i in range(n)]
+    return matrix + matrix @ matrix_of(*rows)
 
 
 def _determinant(matrix: Array) -> Array:

@@ -40,15 +40,16 @@ def run_quietly(*args: Any, **options: Any) -> gni.Trajectory:
 def worst_residual(a: zoo.Animal, run: gni.Trajectory) -> float:
     """Largest |mu (xi - Y)| over nodes and rows, in plain NumPy.
 
-    Relative to |mu| (|xi| + |Y|), |xi| the mean of its sizes before and after the impact: the mean
-    itself may pass through zero.
+    Relative to |mu| times the sizes of what cancels: the velocities before and after the impact,
+    Y and G^-1 A (the mean velocity itself may pass through zero).
     """
     worst = 0.0
     for x, *momenta in zip(run.base, run.momenta_before, run.momenta_after, strict=True):
         form = a.plain.gyroscopic(x)
-        before, after = (np.linalg.solve(a.plain.metric(x), p - form) for p in momenta)
+        inverse = np.linalg.inv(a.plain.metric(x))
+        before, after = (inverse @ (p - form) for p in momenta)
         mu, drift = a.plain.constraints(x), a.plain.drift(x)
-        size = (np.linalg.norm(before) + np.linalg.norm(after)) / 2 + np.linalg.norm(drift)
+        size = sum(np.linalg.norm(v) for v in (before, after, drift, inverse @ form))
         for row in mu:
             residual = abs(row @ ((before + after) / 2 - drift))
             worst = max(worst, residual / (np.linalg.norm(row) * size))
