@@ -1,8 +1,8 @@
 """Sine and cosine as LLVM IR: one polynomial for every number of lanes.
 
 Reduction ``x = k pi/2 + r`` with pi/2 in three parts and fused products, then the minimax
-polynomials of Sun's fdlibm on |r| <= pi/4. Maximal error below 1 ulp for |x| <= 1e6; beyond that,
-and for infinities and NaN, the C library is called lane by lane.
+polynomials of Sun's fdlibm on |r| <= pi/4. Maximal error 1.4 ulp for |x| <= 1e6 (measured); beyond
+that, and for infinities and NaN, the C library is called lane by lane.
 """
 
 from __future__ import annotations

@@ -275,7 +275,10 @@ class SystemExpressions:
         return ca.mtimes(self.anchor(x), xi) if self.base_size else ca.SX(0, 1), force
 
     def multipliers(self, x: ca.SX, p: ca.SX, theta: ca.SX) -> ca.SX:
-        """lambda with ``p' = f0 + mu^T lambda`` (physical force), (m,), by differentiating (25)."""
+        """lambda with ``p' = f0 + mu^T lambda`` (physical force), (m,), by differentiating (25).
+
+        ``theta`` must be symbols, not values.
+        """
         if not self.active_rows:
             return ca.SX(0, 1)
         point, momentum = ca.SX.sym("x", self.base_size), ca.SX.sym("p", self.rank)

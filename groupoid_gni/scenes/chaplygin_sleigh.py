@@ -57,7 +57,8 @@ def _exact_motion(
     twice_energy = mass * speed**2 + about_blade * spin**2
     top_speed, top_spin = np.sqrt(twice_energy / mass), np.sqrt(twice_energy / about_blade)
     rate = offset * np.sqrt(twice_energy * mass) / about_blade
-    phase = np.arctanh(speed / top_speed)
+    # artanh(speed / top_speed) without the cancellation near a straight motion
+    phase = np.arcsinh(np.sqrt(mass / about_blade) * speed / abs(spin))
 
     def exact(times: FloatArray) -> tuple[FloatArray, FloatArray]:
         argument = rate * np.asarray(times) + phase
