@@ -34,7 +34,6 @@ SCENES_MAY_USE = {"errors", "array_types", "groupoids", "systems", "scenes"}
 LAZY = {
     ("trajectory", "plotting"),  # run.plot()
     ("systems", "integrators"),  # system.compiled(method)
-    ("systems", "discretization"),  # and its check of the method
 }
 HEAVY = ["scipy", "matplotlib", "hypothesis", "geomstats", "tqdm"]
 MODULES = sorted(p for p in PACKAGE.rglob("*.py") if "__pycache__" not in p.parts)

@@ -1,7 +1,7 @@
 """Methods, the driver ``integrate``, and equation (49) for one arrow."""
 
 from groupoid_gni.integrators.integration import integrate
-from groupoid_gni.integrators.marching import compiled_step
+from groupoid_gni.integrators.marching import compiled_step, machine_code
 from groupoid_gni.integrators.methods import GNI, Method, ReferenceFlow, Variational
 from groupoid_gni.integrators.one_arrow import next_arrow
 
@@ -12,5 +12,6 @@ __all__ = [
     "Variational",
     "compiled_step",
     "integrate",
+    "machine_code",
     "next_arrow",
 ]

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from groupoid_gni.array_types import FloatArray
-from groupoid_gni.codegen import CompiledStep, InterpretedStep, StepRunner
+from groupoid_gni.codegen import CompiledStep, InterpretedStep, MachineCode, StepRunner
 from groupoid_gni.codegen.runners import Progress
 from groupoid_gni.discretization import (
     DiscreteLagrangian,
@@ -22,7 +22,7 @@ from groupoid_gni.discretization import (
     projected_program,
     two_step_program,
 )
-from groupoid_gni.errors import ParasiticModeWarning
+from groupoid_gni.errors import InputError, ParasiticModeWarning
 from groupoid_gni.integrators.failure_report import constraint_rows_lost, failure_detail
 from groupoid_gni.integrators.interruption import interruptible
 from groupoid_gni.integrators.methods import GNI
@@ -54,6 +54,23 @@ def compiled_step(
         system._compiled[key] = CompiledStep.of(program) if compile else InterpretedStep(program)
     runner: StepRunner = system._compiled[key]
     return runner
+
+
+def machine_code(
+    system: MechanicalSystem,
+    method: DiscreteLagrangian | GNI | None,
+    active_rows: tuple[int, ...] | None,
+) -> MachineCode:
+    """The compiled module of a method; ``GNI()`` and all constraint rows when left out."""
+    method = GNI() if method is None else method
+    if not isinstance(method, (DiscreteLagrangian, GNI)):
+        raise InputError(f"method must be gni.GNI() or a discrete Lagrangian, not {method!r}")
+    count = system.constraint_count
+    rows = tuple(range(count)) if active_rows is None else tuple(active_rows)
+    if not all(isinstance(row, int) and 0 <= row < count for row in rows):
+        raise InputError(f"active_rows must be numbers from 0 to {count - 1}, got {rows}")
+    code: MachineCode = compiled_step(system, method, rows).code  # type: ignore[attr-defined]
+    return code
 
 
 def _program(

@@ -195,17 +195,9 @@ class MechanicalSystem:
 
         active_rows : constraint rows to keep; all of them when left out.
         """
-        from groupoid_gni.discretization import DiscreteLagrangian
-        from groupoid_gni.integrators import GNI, compiled_step
+        from groupoid_gni.integrators import machine_code
 
-        method = GNI() if method is None else method
-        if not isinstance(method, (DiscreteLagrangian, GNI)):
-            raise InputError(f"method must be gni.GNI() or a discrete Lagrangian, not {method!r}")
-        count = self.constraint_count
-        rows = tuple(range(count)) if active_rows is None else tuple(active_rows)
-        if not all(isinstance(row, int) and 0 <= row < count for row in rows):
-            raise InputError(f"active_rows must be numbers from 0 to {count - 1}, got {rows}")
-        return compiled_step(self, method, rows).code  # type: ignore[attr-defined]
+        return machine_code(self, method, active_rows)
 
     def with_parameters(self, **changes: Any) -> MechanicalSystem:
         """The same system with some parameters changed; recordings and machine code are shared."""
