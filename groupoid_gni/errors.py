@@ -30,7 +30,7 @@ class StepFailure(GNIError, RuntimeError):  # noqa: N818 (a failure, not a progr
 
     Attributes
     ----------
-    result : Trajectory
+    result : Trajectory, or None from ``next_arrow``
         Everything that was computed up to the last good step.
     """
 

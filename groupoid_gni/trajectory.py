@@ -25,7 +25,7 @@ _FORMAT = "groupoid_gni trajectory 1"
 _ARROW_TOLERANCE = 1e-8
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trajectory:
     """The saved nodes of a run.
 
@@ -38,6 +38,7 @@ class Trajectory:
     active_rows : constraint rows that took part in the step.
     flights : free flights per step (0 when there are no arrows).
     outcome, detail : how the run ended; ``success``, ``status``, ``message`` follow SciPy.
+    seconds : wall time of the loop.  rescued_steps : steps that needed a second try.
 
     Shapes below: n nodes, r = rank, m = number of constraint rows as given.
     """
@@ -54,7 +55,11 @@ class Trajectory:
     detail: str = ""
     seconds: float = 0.0
     rescued_steps: int = 0
-    _expressions: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
+    _expressions: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        for array in (self.node_steps, self.rows):
+            array.setflags(write=False)
 
     @property
     def success(self) -> bool:
@@ -147,7 +152,7 @@ class Trajectory:
 
     @property
     def parasitic_amplitude(self) -> FloatArray:
-        """(n,) relative size |u| / |p| of the (-1)^k part of a two-step run."""
+        """(n,) size of the (-1)^k part of a two-step run, relative to ``|p|`` in G^-1."""
         return np.sqrt(self._part("parasitic")[:, 0])
 
     @property
@@ -158,8 +163,7 @@ class Trajectory:
     @property
     def parasitic_bound(self) -> float:
         """Largest (relative impulse)^2, an O(h^2) quantity the amplitude is compared with."""
-        record = self._part("parasitic")
-        return float(record[-1, 2]) if record.shape[1] else 0.0
+        return float(self._part("parasitic")[-1, 2])
 
     @property
     def final_state(self) -> tuple[FloatArray, FloatArray]:
@@ -174,14 +178,14 @@ class Trajectory:
         """
         if self.flights == 0:
             raise InputError(f"{self.method_name} has no arrows; it integrates base and momentum")
-        if np.any(np.diff(self.node_steps) != 1):
+        velocities = self.rows[1:, self.layout.size : -1]
+        if np.any(np.diff(self.node_steps) != 1) or np.any(np.isnan(velocities)):
             raise InputError(
                 "the arrows between saved nodes were not stored (save_every > 1). To accumulate "
                 "them while running, use integrate(..., reconstruct=W0)"
             )
         space, r = self.system.space, self.system.space.rank
         retract = self._space_function("retract")
-        velocities = self.rows[1:, self.layout.size : -1]
         share = self.step_size / self.flights
         x = self.base[:-1]
         arrow = retract(x, share * velocities[:, :r])
@@ -208,21 +212,18 @@ class Trajectory:
 
     def _accumulate(self, first: FloatArray, arrows: FloatArray) -> FloatArray:
         """All partial products, in blocks so that NumPy sees long batches."""
-        multiply = self._space_function("multiply")
+        multiply, restore = (self._space_function(n) for n in ("multiply", "restore_arrow"))
         n = len(arrows)
         length = max(1, int(np.sqrt(n)))
-        blocks = [arrows[i::length] for i in range(length)]
-        partial = np.empty_like(arrows)
-        running = blocks[0] if n else arrows
-        for i in range(min(length, n)):
-            size = len(blocks[i])
-            running = running[:size] if i == 0 else multiply(running[:size], blocks[i])
-            partial[i::length] = running
+        partial = np.array(arrows)
+        for i in range(1, length):
+            block = arrows[i::length]
+            partial[i::length] = multiply(partial[i - 1 :: length][: len(block)], block)
         result = np.empty((n + 1, arrows.shape[1]))
         result[0] = carry = first
         for begin in range(0, n, length):
             block = partial[begin : begin + length]
-            product = multiply(np.broadcast_to(carry, block.shape), block)
+            product = restore(multiply(np.broadcast_to(carry, block.shape), block))
             result[begin + 1 : begin + 1 + len(block)] = product
             carry = product[-1]
         return result
@@ -236,6 +237,7 @@ class Trajectory:
                 "retract": ({**x, "xi": (space.rank,)}, g),
                 "target": ({"g": g}, (space.base_size,)),
                 "multiply": ({"first": g, "then": g}, g),
+                "restore_arrow": ({"g": g}, g),
             }[name]
             self._expressions[name] = record(getattr(space, name), inputs, output, name=name)
         return self._expressions[name]
@@ -275,7 +277,7 @@ class Trajectory:
         if self.system.constraint_count:
             worst = float(np.max(np.abs(self.constraint_residuals(relative=True))))
             lines.append(f"  constraints  largest relative residual {worst:.2e}")
-        if "parasitic" in self.layout.slices and self._part("parasitic").shape[1]:
+        if "parasitic" in self.layout.slices:
             largest = self.parasitic_maximum[-1]
             lines.append(f"  parasitic    largest amplitude {largest:.2e} of |p|")
         if steps and self.rows[-1, -1] > 0:
@@ -287,7 +289,10 @@ class Trajectory:
         return "\n".join(lines)
 
     def plot(self, axes: Any = None) -> Any:
-        """Base path, energy and constraint records; returns the matplotlib figure."""
+        """Motion, velocities, energy change and constraint residual, as a matplotlib figure.
+
+        axes : four axes objects in that order; a new figure is made when left out.
+        """
         from groupoid_gni.plotting import plot_trajectory
 
         return plot_trajectory(self, axes=axes)
@@ -336,7 +341,8 @@ class Trajectory:
         """Read a file written by ``save``; ``system`` is the system it was made with.
 
         The stored parameter values are put into the system. Raises TrajectoryFileError when the
-        file is not a trajectory or does not belong to such a system.
+        file is not a trajectory or does not belong to such a system, FileNotFoundError when there
+        is no such file.
         """
         try:
             with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
@@ -350,7 +356,7 @@ class Trajectory:
                 f"{path} is not a complete trajectory file of groupoid_gni "
                 f"({type(error).__name__}: {error}); write it again with run.save(path)"
             ) from error
-        _check_same_system(path, header, system)
+        _check_same_system(path, header, values, system)
         layout = StateLayout(
             {k: slice(*v) for k, v in header["layout"].items()}, header["layout_size"]
         )
@@ -392,7 +398,7 @@ def starting_arrow(
 
 
 def checked_arrow(name: str, space: LieGroupoid, arrow: FloatArray) -> FloatArray:
-    """Refuse an arrow that is not finite, off its group or on another component of it."""
+    """Refuse an arrow that is not finite, off its group or of a determinant not positive."""
     if not np.all(np.isfinite(arrow)):
         raise InputError(f"{name} must be finite, got {arrow}")
     defect = float(np.max(np.abs(space.restore_arrow(arrow) - arrow), initial=0.0))
@@ -406,12 +412,16 @@ def checked_arrow(name: str, space: LieGroupoid, arrow: FloatArray) -> FloatArra
     return arrow
 
 
-def _check_same_system(path: Any, header: dict[str, Any], system: MechanicalSystem) -> None:
+def _check_same_system(
+    path: Any, header: dict[str, Any], values: dict[str, FloatArray], system: MechanicalSystem
+) -> None:
     if header.get("format") != _FORMAT:
         raise TrajectoryFileError(f"{path} has the unknown format {header.get('format')!r}")
     space = system.space
-    found = (header["space"], header["rank"], header["base_size"], set(header["parameters"]))
-    given = (type(space).__name__, space.rank, space.base_size, set(system.parameters))
+    shapes = {name: value.shape for name, value in values.items()}
+    found = (header["space"], header["rank"], header["base_size"], shapes)
+    wanted = {name: value.shape for name, value in system.parameters.items()}
+    given = (type(space).__name__, space.rank, space.base_size, wanted)
     if found != given:
         raise TrajectoryFileError(
             f"{path} belongs to another system: it has (space, rank, base size, parameters) "

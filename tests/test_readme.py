@@ -13,7 +13,7 @@ def block(language, number=0):
     return parts[number].split("```")[0]
 
 
-def test_the_fifteen_lines_run_as_printed(capsys):
+def test_the_fourteen_lines_run_as_printed(capsys):
     names = {}
     exec(compile(block("python"), "README.md", "exec"), names)
     run = names["run"]
@@ -26,7 +26,7 @@ def test_the_fifteen_lines_run_as_printed(capsys):
     assert "success" in capsys.readouterr().out
 
 
-def test_the_fifteen_lines_are_about_fifteen():
+def test_the_fourteen_lines_are_about_fourteen():
     assert len(block("python").strip().splitlines()) <= 17
 
 

@@ -1,4 +1,7 @@
-"""From the expressions of a step to something that runs: machine code, or CasADi's evaluator."""
+"""From the expressions of a step to something that runs: machine code, or CasADi's evaluator.
+
+Takes a StepProgram, gives StepRunners; knows no mechanics.
+"""
 
 from groupoid_gni.codegen.machine import MachineCode, machine_has_fused_products
 from groupoid_gni.codegen.runners import CompiledStep, InterpretedStep, StepRunner, compile_field

@@ -18,7 +18,7 @@ import llvmlite
 import llvmlite.binding as llvm
 
 LARGE_PROGRAM = 5000
-"""Operations above which code is generated without optimisation, in short basic blocks."""
+"""Operations above which blocks are cut, lines of IR above which nothing is optimised."""
 _CACHE_VARIABLE = "GROUPOID_GNI_CACHE"
 
 
@@ -113,7 +113,6 @@ class MachineCode:
             code = self._compile()
             if path:
                 _write(path, code)
-        self._object = code
         self._library = self._link(code)
 
     def _compile(self) -> bytes:

@@ -20,7 +20,7 @@ PREDICTED = 1e-32
 """Bound on the predicted next t = e^2: ``t_k^3 / t_{k-1}^2`` or ``t_k^2 / t_{k-1}``."""
 
 BEFORE_FIRST = 1e-14
-"""e^2 assumed of the update before the first: a first one below 1e-10 (3e-12) is enough."""
+"""e^2 assumed before the first update: it suffices at e = 1e-10 (quadratic) or 3e-12."""
 
 STAGNATION = 0.06
 """A reduction of e^2 worse than this factor, below ``STAGNATION_LEVEL``, is round-off."""

@@ -1,7 +1,7 @@
 """Two ways to run a step program: machine code, and CasADi's evaluator as a second opinion.
 
-Both keep the same state (flat state, three sets of unknowns, Newton count, absolute step number),
-so a run may be cut into chunks anywhere without changing a bit.
+Both keep the same ``Progress`` (state; unknowns of the last steps, carried values and Newton count;
+absolute step number), so a run may be cut into chunks anywhere without changing a bit.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ class StepRunner(ABC):
 
 
 def _damping(system: Any, u: Any, change: Any, residual: Any) -> float:
-    """Largest of 1, 1/2, ... 1/16 that makes the residual smaller."""
+    """Largest of 1, 1/2, ... 1/16 that makes the residual smaller; 1/32 if none does."""
     before = float(np.linalg.norm(residual))
     for factor in (1.0, 0.5, 0.25, 0.125, 0.0625):
         if float(np.linalg.norm(system(u - factor * change)[0])) < before:

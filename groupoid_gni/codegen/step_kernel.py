@@ -92,10 +92,11 @@ def _store(e: Emitter, value: str, pointer: str, index: str) -> None:
 class _StepKernel:
     """Builds ``i64 @advance(parameters, state, memory, rows, status, first, count, every)``.
 
-    parameters, state : W values per entry.  memory : the unknowns of the last steps, then the
-    running count of Newton iterations.  rows : room for the saved nodes.  status : one i64 per
-    lane, the outcome code, then one per lane, the step at which it failed.
-    Returns the number of steps done (the last one complete in at least one lane).
+    parameters, state : W values per entry.  memory : the unknowns of the last steps, the
+    carried values, the running count of Newton iterations.  rows : room for the saved nodes.
+    status : one i64 per lane, the outcome code, then one per lane, the step at which it failed.
+    Returns the steps done: one lane stops at its failure, several lanes always do ``count`` steps,
+    those that fail frozen.
     """
 
     def __init__(self, program: StepProgram, lanes: int, fused: bool) -> None:

@@ -34,7 +34,8 @@ class Tape:
     """Operations in order, the level of each, and the operations that hold the outputs.
 
     levels[i] is 1 + the largest input number operation i depends on, 0 for constants. With inputs
-    ordered (parameters, state, unknowns) that is the place of the loop nest it belongs to.
+    ordered (parameters, state, unknowns, carried, later) that is the place in the loop nest: 1 once
+    per call, 2 once per step, 3 to 5 in every iteration.
     """
 
     operations: tuple[Operation, ...]

@@ -21,7 +21,8 @@ class DiscreteLagrangian(ABC):
     """A rule that turns a Lagrangian L(x, xi) into a discrete Lagrangian.
 
     To write your own, subclass and give ``average``; it is recorded once, so it must be plain
-    NumPy without branches on values.
+    NumPy without branches on values. Make it a frozen dataclass: methods are keys of the compiled
+    code.
     """
 
     @abstractmethod

@@ -132,7 +132,7 @@ def _gradients_of_average(
     points = ca.reshape(outputs[1:], e.base_size + e.rank, count)
     places = [points[: e.base_size, k] for k in range(count)]
     velocities = [points[e.base_size :, k] for k in range(count)]
-    forces = [_base_gradient(e, x, xi, theta) for x, xi in zip(places, velocities, strict=True)]
+    forces = [e.base_gradient(x, xi, theta) for x, xi in zip(places, velocities, strict=True)]
     momenta = [e.momentum(x, xi, theta) for x, xi in zip(places, velocities, strict=True)]
     gradients = [ca.gradient(average, variable) for variable in variables]
     terms = [*_merged(weights, places, forces), *_merged(weights, velocities, momenta)]
@@ -179,6 +179,8 @@ def _recorded_average(
     counted.__wrapped__ = type(discrete).average  # type: ignore[attr-defined]
     with_values.__wrapped__ = type(discrete).average  # type: ignore[attr-defined]
     name = f"{type(discrete).__name__}.average"
+    # the shape of the real recording needs the number of evaluations; and with the true L the
+    # average is checked as a function of numbers a user can follow
     record(counted, sizes, (), name=name)
     shape = (1 + asked * (e.base_size + e.rank),)
     return record(with_values, {**sizes, "values": (asked,)}, shape, name=name), asked
@@ -202,15 +204,6 @@ def _merged(
         else:
             terms.append((weights[k], shared[:, k]))
     return [(weight, column[:size], column[size:]) for weight, column in terms]
-
-
-def _base_gradient(e: SystemExpressions, x: ca.SX, xi: ca.SX, theta: ca.SX) -> ca.SX:
-    """dL/dx at fixed xi."""
-    if not e.base_size:
-        return ca.SX(0, 1)
-    point, velocity = ca.SX.sym("x", e.base_size), ca.SX.sym("xi", e.rank)
-    slope = ca.gradient(e.lagrangian(point, velocity, theta), point)
-    return ca.Function("slope", [point, velocity, theta], [slope])(x, xi, theta)
 
 
 def _recorded_lagrangian(expressions: SystemExpressions) -> RecordedFunction:

@@ -10,6 +10,8 @@ the nonlinear equations.
 
 from __future__ import annotations
 
+import math
+
 import casadi as ca
 
 from groupoid_gni.discretization.discrete_lagrangians import DiscreteLagrangian
@@ -40,7 +42,8 @@ class _Inputs:
     def conditioning(self, last: Node, node: Node) -> list[Guard]:
         """Independent rows at the node, not turned over since the last one; a definite metric.
 
-        No guard divides by what may vanish, so a rank drop exactly at a node is told as such.
+        A guard divides only by pivots that an earlier guard has found good, and the first that
+        fires is the one reported: a rank drop exactly at a node is told as such.
         """
         singular, indefinite = Outcome.CONSTRAINTS_SINGULAR, Outcome.METRIC_INDEFINITE
         guards = []
@@ -58,7 +61,7 @@ class _Inputs:
             guards.append(Guard(1 + worse, singular, decisive=True))
         if node.pivots and not ca.is_equal(ca.cse(last.mu), ca.cse(node.mu), 1):
             facing = determinant(ca.mtimes(last.mu, node.normal))
-            scale = ca.exp(ca.sum1(ca.log(self.scales)))
+            scale = math.prod(ca.vertsplit(self.scales))
             guards.append(Guard(1 - facing / scale, singular))
         return guards
 
@@ -86,8 +89,9 @@ def two_step_program(
 ) -> StepProgram:
     """The GNI of a discrete Lagrangian: fly from p- to the next node, reflect there.
 
-    The state also carries the last two normal components of p+ and the largest amplitude of their
-    (-1)^k part, the parasitic mode of the two-step recursion.
+    With constraints the state also carries the normal components of the last two p+, the (-1)^k
+    part of them (the parasitic mode of the two-step recursion) now and at its largest, the largest
+    impulse, and how many nodes were seen.
     """
     e, inputs = expressions, _Inputs(expressions)
     m = e.constraint_count
@@ -96,8 +100,7 @@ def two_step_program(
             "base": e.base_size,
             "before": e.rank,
             "after": e.rank,
-            "impulses": 2 * m,
-            "parasitic": 4 if m else 0,
+            **({"impulses": 2 * m, "parasitic": 4} if m else {}),
             **_reconstructed_part(e, reconstruct),
         }
     )
@@ -147,8 +150,9 @@ def _parasitic_monitor(
     """Next impulses, then amplitude, largest amplitude, largest jump (squared), nodes seen.
 
     The normal part ``mu^T c_k`` of p+ is h/2 times a smooth force plus ``(-1)^k u``; the second
-    difference of c_k over four is u up to O(h^3). Sizes are squares relative to ``|p|^2`` in G^-1,
-    so no square root is taken in the loop. The first difference needs three nodes.
+    difference of c_k over four is u up to O(h^3); it needs three nodes. Sizes are squares relative
+    to the sum of ``|xi dl/dxi|``, which is ``|p|^2`` in G^-1 without a gyroscopic term, so no
+    square root is taken in the loop.
     """
     m = impulse.numel()
     if m == 0:
@@ -187,10 +191,11 @@ def projected_program(
 ) -> StepProgram:
     """One projected step: fly h/2, reflect, fly h/2, with a normal part lent and taken back.
 
-    ``p0 + N0 nu -> first -> R -> second -> p1 - N1 W nu``, with nu such that p1 lies on the
-    constraint set. N = mu^T L^-T is a G^-1-orthonormal basis of the normal space and W the isometry
-    nearest to ``N1^T S N0``, S the mean of the two inverse metrics, which makes the choice of basis
-    irrelevant. ``second`` must be the adjoint of ``first`` for the step to be self-adjoint.
+    ``p0 + N0 nu -> first -> R -> second -> p``, then ``p1 = p - N1 W nu`` with nu such that p1 lies
+    on the constraint set; p1 is computed as the orthogonal projection of p. N = mu^T L^-T is a
+    G^-1-orthonormal basis of the normal space and W the isometry nearest to ``N1^T S N0``, S the
+    mean of the two inverse metrics, which makes the choice of basis irrelevant. ``second`` must be
+    the adjoint of ``first`` for the step to be self-adjoint.
     """
     e, inputs = expressions, _Inputs(expressions)
     parts = {"base": e.base_size, "after": e.rank, **_reconstructed_part(e, reconstruct)}
@@ -332,10 +337,7 @@ def _matching_isometry(start: Node, end: Node, same_metric: bool) -> ca.SX:
 
 def _overlap(start: Node, end: Node, same_metric: bool) -> ca.SX:
     columns = []
-    m = start.mu.size1()
-    for i in range(m):
-        unit = ca.SX(m, 1)
-        unit[i] = 1
+    for unit in ca.horzsplit(ca.SX.eye(start.mu.size1())):
         column = solve_lower(end.lower, ca.mtimes(end.normal.T, start.normal_vector(unit)))
         if not same_metric:
             raised = ca.mtimes(start.normal, solve_upper(start.lower, unit))

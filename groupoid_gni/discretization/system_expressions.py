@@ -236,6 +236,14 @@ class SystemExpressions:
         linear = ca.dot(self.section("gyroscopic", x, theta), xi)
         return kinetic + linear - self.potential(x, theta)
 
+    def base_gradient(self, x: ca.SX, xi: ca.SX, theta: ca.SX) -> ca.SX:
+        """dL/dx at fixed xi, (base_size,); ``theta`` must be symbols."""
+        if not self.base_size:
+            return ca.SX(0, 1)
+        point, velocity = ca.SX.sym("x", self.base_size), ca.SX.sym("xi", self.rank)
+        slope = ca.gradient(self.lagrangian(point, velocity, theta), point)
+        return ca.Function("slope", [point, velocity, theta], [slope])(x, xi, theta)
+
     def momentum(self, x: ca.SX, xi: ca.SX, theta: ca.SX) -> ca.SX:
         """``dL/dxi = G xi + A``."""
         return ca.mtimes(self.metric(x, theta), xi) + self.section("gyroscopic", x, theta)
@@ -265,11 +273,7 @@ class SystemExpressions:
         r = self.rank
         force = ca.SX.zeros(r, 1)
         if self.base_size:
-            point = ca.SX.sym("x", self.base_size)
-            slope = ca.gradient(self.lagrangian(point, xi_symbol := ca.SX.sym("xi", r), theta),
-                                point)
-            here = ca.Function("slope", [point, xi_symbol, theta], [slope])(x, xi, theta)
-            force = ca.mtimes(self.anchor(x).T, here)
+            force = ca.mtimes(self.anchor(x).T, self.base_gradient(x, xi, theta))
         structure = as_matrix(self._bracket.call_sx(x), r, r * r)
         force += ca.mtimes(as_matrix(ca.mtimes(p.T, structure).T, r, r).T, xi)
         return ca.mtimes(self.anchor(x), xi) if self.base_size else ca.SX(0, 1), force

@@ -136,7 +136,12 @@ class FramedPairGroupoid(LieGroupoid):
         return self.target(arrow)
 
     def arrow_to(self, base_point: Array, pose: ArrayLike | None = None) -> Array:
-        """Give the identity at ``base_point``: the pose is where the arrow ends."""
+        """Give the identity at ``base_point``: the pose is where the arrow ends.
+
+        Raises InputError for a pose that is somewhere else.
+        """
+        if pose is not None and not np.array_equal(np.asarray(pose), np.asarray(base_point)):
+            raise InputError(f"a pose here is where the arrow ends, {base_point}; leave it out")
         return self.identity(base_point)
 
     def split(self, x: Array) -> list[Array]:

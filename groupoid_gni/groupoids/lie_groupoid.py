@@ -48,7 +48,7 @@ class LieGroupoid(ABC):
     6. ``lift(g)`` : the components xi with ``retract(source(g), xi) = g``
     7. ``rank`` (int) and ``example_base_point`` (1-d array, a point of Q)
 
-    Then compare with the laws: ``gni.verification.check_groupoid(MyGroupoid())``.
+    Closed forms can be compared with those of ``gni.DerivedGroupoid(MyGroupoid())``.
 
     Everything else below is derived by differentiating the seven functions, recorded once, and may
     be overridden by a closed form for speed; ``DerivedGroupoid`` ignores such closed forms.

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from groupoid_gni.array_types import Array, ArrayLike
+from groupoid_gni.errors import InputError
 from groupoid_gni.groupoids.components import batch_shape, join, repeated
 from groupoid_gni.groupoids.lie_groupoid import LieGroupoid
 
@@ -80,7 +81,12 @@ class PairGroupoid(LieGroupoid):
         return self.target(arrow)
 
     def arrow_to(self, base_point: Array, pose: ArrayLike | None = None) -> Array:
-        """Give the identity at ``base_point``: the pose is where the arrow ends."""
+        """Give the identity at ``base_point``: the pose is where the arrow ends.
+
+        Raises InputError for a pose that is somewhere else.
+        """
+        if pose is not None and not np.array_equal(np.asarray(pose), np.asarray(base_point)):
+            raise InputError(f"a pose here is where the arrow ends, {base_point}; leave it out")
         return self.identity(base_point)
 
     def __repr__(self) -> str:

@@ -1,4 +1,7 @@
-"""Methods, the driver ``integrate``, and equation (49) for one arrow."""
+"""Methods, the driver ``integrate``, and equation (49) for one arrow.
+
+Takes a system, a start and a method, gives a Trajectory, or a StepFailure that holds one.
+"""
 
 from groupoid_gni.integrators.integration import integrate
 from groupoid_gni.integrators.marching import compiled_step, machine_code

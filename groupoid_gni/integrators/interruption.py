@@ -34,5 +34,6 @@ def interruptible() -> Iterator[Callable[[], None]]:
     signal.signal(signal.SIGINT, remember)
     try:
         yield check
+        check()  # pressed during the last chunk
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)

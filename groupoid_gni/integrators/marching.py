@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import casadi as ca
 import numpy as np
@@ -69,8 +69,7 @@ def machine_code(
     rows = tuple(range(count)) if active_rows is None else tuple(active_rows)
     if not all(isinstance(row, int) and 0 <= row < count for row in rows):
         raise InputError(f"active_rows must be numbers from 0 to {count - 1}, got {rows}")
-    code: MachineCode = compiled_step(system, method, rows).code  # type: ignore[attr-defined]
-    return code
+    return cast(CompiledStep, compiled_step(system, method, rows)).code
 
 
 def _program(
@@ -131,10 +130,10 @@ def run_steps(
 def _node_numbers(
     expressions: SystemExpressions, start: State, theta: FloatArray
 ) -> dict[str, FloatArray]:
-    """Scales C_aa of the constraints and the multiplier at the start, in numbers."""
+    """C_aa, the constraint force mu^T lambda and the multipliers lambda at the start."""
     if not expressions.constraint_count:
         empty = np.zeros(0)
-        return {"scales": empty, "impulse": np.zeros(expressions.rank), "force": empty}
+        return {"scales": empty, "force": np.zeros(expressions.rank), "multipliers": empty}
     x, p = ca.SX.sym("x", expressions.base_size), ca.SX.sym("p", expressions.rank)
     parameters = ca.SX.sym("theta", expressions.parameter_size)
     node = expressions.node(x, parameters)
@@ -142,7 +141,7 @@ def _node_numbers(
     outputs = [ca.diag(node.gram), ca.mtimes(node.mu.T, multipliers), multipliers]
     values = ca.Function("start", [x, p, parameters], outputs)(start.base, start.momentum, theta)
     return dict(
-        zip(("scales", "impulse", "force"), (np.array(v).ravel() for v in values), strict=True)
+        zip(("scales", "force", "multipliers"), (np.array(v).ravel() for v in values), strict=True)
     )
 
 
@@ -159,10 +158,10 @@ def _initial_state(
     state[layout.slices["base"]] = start.base
     half = np.zeros_like(start.momentum)
     if layout.slices["before"] != layout.slices["after"]:
-        half = 0.5 * h * node["impulse"]
-        m = len(node["force"])
+        half = 0.5 * h * node["force"]
+        m = len(node["multipliers"])
         if m:
-            state[layout.slices["impulses"]][:m] = -0.5 * h * node["force"]
+            state[layout.slices["impulses"]][:m] = -0.5 * h * node["multipliers"]
             state[layout.slices["parasitic"]][3] = 1.0
     state[layout.slices["before"]] = start.momentum - half
     state[layout.slices["after"]] = start.momentum + half
@@ -245,9 +244,13 @@ def _cut_where_rows_are_lost(request: _Request, chunks: Chunks) -> bool:
     if not np.any(lost):
         return False
     kept = int(np.argmax(lost))
-    last = rows[kept - 1, : layout.size] if kept else begin.state
-    step = (begin.step // request.every + kept) * request.every if kept else begin.step
-    chunks[-1] = (Progress(last.copy(), end.memory, step), rows[:kept])
+    if not kept:
+        chunks[-1] = (begin, rows[:0])
+        return True
+    row = rows[kept - 1]
+    memory = np.append(end.memory[:-1], row[-1])  # nobody goes on from here: its guesses are unused
+    step = (begin.step // request.every + kept) * request.every
+    chunks[-1] = (Progress(row[: layout.size].copy(), memory, step), rows[:kept])
     return True
 
 
@@ -301,7 +304,7 @@ def _collect(
 
 
 def _warn_of_parasitic_mode(run: Trajectory) -> None:
-    if "parasitic" not in run.layout.slices or not run._part("parasitic").shape[1]:
+    if "parasitic" not in run.layout.slices:
         return
     growing = run.parasitic_maximum
     bound = max(_PARASITIC_FACTOR * run.parasitic_bound, _PARASITIC_FLOOR)

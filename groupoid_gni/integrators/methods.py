@@ -83,7 +83,8 @@ class ReferenceFlow:
             raise InputError(f"rtol={self.rtol} is below what doubles can give; use 1e-13 or more")
 
     def __str__(self) -> str:
-        return f"ReferenceFlow(rtol={self.rtol:g})"
+        atol = "" if self.atol is None else f", atol={self.atol:g}"
+        return f"ReferenceFlow(rtol={self.rtol:g}{atol})"
 
 
 Method = DiscreteLagrangian | GNI | ReferenceFlow

@@ -28,8 +28,11 @@ def next_arrow(
 
     arrow : (arrow_size,), the last arrow g.  step : the step size in L_d.
     Returns (arrow_size,).  Equations (49) and (38), the sign of the affine term mended.
-    Raises InputError for an arrow of the wrong shape, StepFailure when the solve fails.
+    Raises InputError for an arrow of the wrong shape, not finite or off its group, StepFailure when
+    the solve fails.
     """
+    if not isinstance(system, MechanicalSystem):
+        raise InputError(f"system must be a MechanicalSystem, not {type(system).__name__}")
     space = system.space
     if not isinstance(discrete_lagrangian, DiscreteLagrangian):
         raise InputError(f"expected a discrete Lagrangian, got {discrete_lagrangian!r}")
@@ -70,7 +73,10 @@ def _solve(function: Any, arguments: tuple[Any, ...]) -> tuple[FloatArray, Float
         )
         if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(jacobian))):
             break
-        update = np.linalg.solve(jacobian, residual).ravel()
+        try:
+            update = np.linalg.solve(jacobian, residual).ravel()
+        except np.linalg.LinAlgError:
+            break
         velocity = velocity - update
         size = float(np.max(np.abs(update), initial=0.0))
         scale = float(np.max(np.abs(velocity), initial=0.0)) + 1e-300

@@ -29,6 +29,13 @@ def checked_method(method: Method | None) -> Method:
             f"method must be a value such as gni.GNI(), gni.Rattle() or gni.ReferenceFlow(), "
             f"not {method!r}"
         )
+    try:
+        hash(method)
+    except TypeError as error:
+        raise InputError(
+            f"{type(method).__name__} cannot be hashed, but methods are keys of the compiled code: "
+            "make it a frozen dataclass, @dataclass(frozen=True)"
+        ) from error
     return method
 
 

@@ -1,4 +1,7 @@
-"""Pictures of trajectories. The only room that imports matplotlib."""
+"""Pictures of trajectories. The only room that imports matplotlib.
+
+Takes Trajectories, gives axes and figures; shows and writes nothing.
+"""
 
 from groupoid_gni.plotting.panels import (
     plot_constraints,

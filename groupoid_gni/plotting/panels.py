@@ -8,7 +8,6 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from cycler import cycler
 
 from groupoid_gni.array_types import FloatArray
 from groupoid_gni.trajectory import Trajectory
@@ -26,7 +25,7 @@ _MOST_POINTS = 20000
 def style() -> Iterator[None]:
     """The library's look, for the length of a ``with`` block; global settings are restored."""
     settings = {
-        "axes.prop_cycle": cycler(color=COLOURS),
+        "axes.prop_cycle": f"cycler('color', {list(COLOURS)})",
         "axes.edgecolor": INK,
         "axes.labelcolor": INK,
         "axes.titlesize": 10.5,
@@ -80,7 +79,7 @@ def plot_energy(axes: Any, run: Trajectory, **options: Any) -> Any:
 def plot_constraints(axes: Any, run: Trajectory, **options: Any) -> Any:
     """Largest relative constraint residual at every node."""
     part = _thinned(run)
-    worst = np.max(np.abs(run.constraint_residuals(relative=True)), axis=1)
+    worst = np.max(np.abs(run.constraint_residuals(relative=True)), axis=1, initial=0.0)
     _logarithmic(axes, run.times[part], worst[part], **{"linewidth": 0.6, **options})
     axes.set_ylim(1e-17, 1e-12 if np.max(worst) < 1e-13 else None)
     axes.set_title("constraint residual (relative)")

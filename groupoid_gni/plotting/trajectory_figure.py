@@ -44,7 +44,7 @@ def plot_trajectory(run: Trajectory, axes: Any = None) -> Any:
 
 
 def _plot_motion(axes: Any, run: Trajectory) -> None:
-    """The first two base coordinates as a path, or the first few over time."""
+    """The first two base coordinates as a path, one over time, or momenta over a point."""
     if run.base.shape[1] >= 2:
         plot_path(axes, run.base[:, :2])
         axes.set_title("base point, first two coordinates")

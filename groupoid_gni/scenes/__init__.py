@@ -1,4 +1,7 @@
-"""Ready systems: the smallest model of each scene, a start, and its exact solution where known."""
+"""Ready systems: the smallest model of each scene, a start, and its exact solution where known.
+
+Takes physical numbers, gives a Scene.
+"""
 
 from groupoid_gni.scenes.chaplygin_sleigh import chaplygin_sleigh
 from groupoid_gni.scenes.inhomogeneous_ball import inhomogeneous_ball

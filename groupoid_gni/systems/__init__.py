@@ -1,4 +1,7 @@
-"""What moves: mechanical systems, their parameters and their starts."""
+"""What moves: mechanical systems, their parameters and their starts.
+
+Takes a groupoid and a user's functions, gives a frozen MechanicalSystem and checked starts.
+"""
 
 from groupoid_gni.systems.input_checks import real_array
 from groupoid_gni.systems.mechanical_system import MechanicalSystem

@@ -17,7 +17,7 @@ BaseFunction = Callable[[Any, Any], Any]
 
 
 def place(x: FloatArray) -> str:
-    """Where a message speaks of."""
+    """The place a message speaks of, in words."""
     return f"at the base point {x}" if x.size else "at the only base point"
 
 

@@ -33,6 +33,7 @@ from groupoid_gni.systems.starts import (
     checked_state,
     independent_rows,
     largest_violations,
+    solve_each,
 )
 
 
@@ -100,6 +101,9 @@ class MechanicalSystem:
                 "system.with_parameters(...) or build a new one"
             )
         super().__setattr__(name, value)
+
+    def __delattr__(self, name: str) -> None:
+        raise AttributeError(f"a MechanicalSystem is frozen, {name!r} cannot be deleted")
 
     def _register(self, name: str, given: BaseFunction | ArrayLike | None) -> None:
         if given is None:
@@ -235,13 +239,12 @@ class MechanicalSystem:
         return np.asarray(self.recorded(name)(point, self.parameter_vector))
 
     def velocities(self, base: FloatArray, momenta: FloatArray) -> FloatArray:
-        """``G^-1 (p - A)`` at many nodes: (n, base_size), (n, rank) -> (n, rank)."""
+        """``G^-1 (p - A)`` at many nodes: (n, base_size), (n, rank) -> (n, rank).
+
+        NaN at nodes where the metric is exactly singular.
+        """
         shifted = momenta - self.evaluate("gyroscopic", base)
-        metric = self.evaluate("metric", base)
-        try:
-            return np.asarray(np.linalg.solve(metric, shifted[..., None])[..., 0])
-        except np.linalg.LinAlgError:
-            return np.full_like(shifted, np.nan)
+        return solve_each(self.evaluate("metric", base), shifted[..., None])[..., 0]
 
     def constraint_residuals(
         self, base: FloatArray, velocities: FloatArray, relative: bool = False

@@ -38,8 +38,10 @@ class State:
     active_rows: tuple[int, ...]
 
     def __post_init__(self) -> None:
-        for array in (self.base, self.velocity, self.momentum):
-            array.setflags(write=False)
+        for name in ("base", "velocity", "momentum"):
+            own = np.array(getattr(self, name))
+            own.setflags(write=False)
+            object.__setattr__(self, name, own)
 
 
 @dataclass(frozen=True)
@@ -217,6 +219,7 @@ def _on_constraints(
     rows: tuple[int, ...],
     project: bool,
 ) -> FloatArray:
+    """The velocity, moved onto the kept rows: round-off when accepted, any way on request."""
     mu = system.evaluate("constraints", x)
     drift = system.evaluate("drift", x)
     violation = mu @ (v - drift)
@@ -231,11 +234,21 @@ def _on_constraints(
     return nearest
 
 
+def solve_each(matrices: FloatArray, columns: FloatArray) -> FloatArray:
+    """Solve (..., n, n) against (..., n, k); NaN where a matrix is exactly singular."""
+    try:
+        return np.asarray(np.linalg.solve(matrices, columns))
+    except np.linalg.LinAlgError:
+        if matrices.ndim == 2:
+            return np.full(columns.shape, np.nan)
+        return np.stack([solve_each(a, b) for a, b in zip(matrices, columns, strict=True)])
+
+
 def largest_violations(
     mu: FloatArray, metric: FloatArray, v: FloatArray, drift: FloatArray
 ) -> FloatArray:
     """``|mu^a| (|xi| + |Y|)`` in the norms of the metric, (n, m): no violation can be larger."""
-    raised = np.linalg.solve(metric, np.swapaxes(mu, 1, 2))
+    raised = solve_each(metric, np.swapaxes(mu, 1, 2))
     rows = np.sqrt(np.einsum("nar,nra->na", mu, raised))
     speed = sum(np.sqrt(np.einsum("nr,nrs,ns->n", u, metric, u)) for u in (v, drift))
     return np.asarray(rows * np.reshape(speed, (-1, 1)))
