@@ -117,3 +117,42 @@ def test_the_final_state_starts_a_second_run_where_the_first_ended(run, scene):
     )
     whole = gni.integrate(scene.system, scene.start, step=0.04, n_steps=300)
     assert np.allclose(more.base[-1], whole.base[-1], rtol=0, atol=1e-12)
+
+
+def test_arrows_of_a_run_shorter_than_its_saving_are_refused_and_not_nan(scene):
+    run = gni.integrate(scene.system, scene.start, step=0.04, n_steps=1, save_every=5)
+    with pytest.raises(gni.InputError, match="save_every > 1"):
+        _ = run.arrows
+
+
+def test_poses_accumulated_afterwards_stay_rotations_as_in_the_loop(scene):
+    n = 20000
+    after = gni.integrate(scene.system, scene.start, step=0.05, n_steps=n).reconstruct()
+    defect = np.abs(np.einsum("nij,nik->njk", after, after) - np.eye(3))
+    assert np.max(defect) < 2e-15
+
+
+def test_a_trajectory_is_read_only_and_compares_by_identity(run):
+    with pytest.raises(ValueError, match="read-only"):
+        run.rows[0, 0] = 1.0
+    assert run == run
+    assert len({run, run}) == 1
+
+
+def test_a_file_with_a_parameter_of_another_shape_is_refused(run, tmp_path):
+    path = run.save(tmp_path / "ball.npz")
+    other = gni.MechanicalSystem(
+        gni.AtiyahGroupoid(base_dim=2, group=gni.SO3(side="right")),
+        np.diag([1.0, 1.1, 1.2, 1.3, 1.4]),
+        parameters={"m": 1.4, "r": [0.9, 0.8], "I": 0.5, "Theta": 0.7},
+    )
+    with pytest.raises(gni.TrajectoryFileError, match="belongs to another system"):
+        gni.Trajectory.load(path, other)
+
+
+def test_a_two_step_run_without_constraints_says_that_it_has_no_parasitic_record():
+    system = gni.MechanicalSystem(gni.SO3(), np.diag([1.1, 0.7, 1.9]))
+    start = system.state(velocity=[0.3, 1.2, -0.4])
+    run = gni.integrate(system, start, step=0.1, n_steps=9, method=gni.Rattle())
+    with pytest.raises(gni.InputError, match="no parasitic"):
+        _ = run.parasitic_amplitude

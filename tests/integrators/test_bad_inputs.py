@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import signal
 import warnings
 
 import numpy as np
@@ -9,6 +11,7 @@ import pytest
 
 import groupoid_gni as gni
 from groupoid_gni import InputError, StepFailure
+from groupoid_gni.integrators.interruption import interruptible
 from groupoid_gni.integrators.requests import check_memory
 
 BASE, VELOCITY = (0.3, -0.2), (0.6, 0.0, 0.9)
@@ -298,3 +301,44 @@ def test_numpy_set_to_raise_and_denormal_numbers_do_not_disturb_a_run(rotor):
         for compile in (True, False):
             run = gni.integrate(rotor, start, step=0.1, n_steps=5, compile=compile)
             assert run.success
+
+
+def test_a_pose_on_a_pair_groupoid_that_is_not_the_start_is_refused():
+    system = gni.MechanicalSystem(gni.PairGroupoid(2), np.diag([1.3, 0.7]))
+    start = system.state([0.1, 0.2], [1.0, -0.3])
+    with pytest.raises(InputError, match=r"where the arrow ends.*leave it out"):
+        gni.integrate(system, start, step=0.1, n_steps=3, reconstruct=[7.0, 7.5])
+
+
+def test_a_method_that_cannot_be_hashed_is_refused_with_the_mend():
+    @dataclasses.dataclass
+    class Mine(gni.DiscreteLagrangian):
+        def average(self, lagrangian, space, source, target, velocity, step):
+            return lagrangian(source, velocity)
+
+    system = gni.MechanicalSystem(gni.PairGroupoid(1), [[1.3]])
+    with pytest.raises(InputError, match=r"Mine cannot be hashed.*dataclass\(frozen=True\)"):
+        gni.integrate(system, system.state([0.1], [1.0]), step=0.1, n_steps=3, method=Mine())
+
+
+def test_next_arrow_that_cannot_be_solved_is_a_step_failure():
+    system = gni.MechanicalSystem(
+        gni.PairGroupoid(1), [[1.0]], potential=lambda x, p: -2.0 * x[0] ** 2
+    )
+    arrow = system.space.retract(np.array([0.3]), np.array([0.7]))
+    with pytest.raises(gni.StepFailure, match="did not converge"):
+        gni.next_arrow(system, gni.Midpoint(), arrow, step=1.0)
+
+
+def test_ctrl_c_in_the_only_chunk_is_not_swallowed():
+    finished = []
+
+    def one_chunk():
+        with interruptible():
+            signal.raise_signal(signal.SIGINT)
+            finished.append(True)
+
+    with pytest.raises(KeyboardInterrupt):
+        one_chunk()
+    assert finished == [True]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
