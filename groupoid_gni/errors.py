@@ -52,4 +52,14 @@ class DependentConstraintsWarning(GNIWarning):
 
 
 class ParasiticModeWarning(GNIWarning):
-    """The (-1)^k mode of a two-step method has left its O(h^2) bound."""
+    """The (-1)^k mode of a two-step method has left its O(h^2) bound.
+
+    Attributes
+    ----------
+    result : Trajectory
+        The run, for those who turn warnings into errors.
+    """
+
+    def __init__(self, message: str, result: Any = None) -> None:
+        super().__init__(message)
+        self.result = result

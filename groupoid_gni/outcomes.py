@@ -17,6 +17,7 @@ class Outcome(IntEnum):
     CONSTRAINT_LOST = -7
     ADAPTIVE_STEP_FAILED = -8
     METRIC_INDEFINITE = -9
+    LEFT_BASE = -10
 
     @property
     def sentence(self) -> str:
@@ -33,7 +34,8 @@ _SENTENCES = {
     Outcome.CONSTRAINTS_SINGULAR: (
         "The constraints became dependent: C = mu G^-1 mu^T is singular at a node, or the rows "
         "turned over between two nodes. Usual mend: leave out the redundant row, or stop before "
-        "the point where the distribution changes its rank."
+        "the point where the distribution changes its rank; where the condition numbers are "
+        "moderate the rows turn by more than a quarter turn per step: use a smaller step."
     ),
     Outcome.NOT_FINITE: (
         "The state became infinite or NaN. Usual mend: a smaller step, or look for a singularity "
@@ -50,6 +52,11 @@ _SENTENCES = {
     Outcome.ADAPTIVE_STEP_FAILED: (
         "The adaptive reference method could not go on. Usual mend: look for a singularity near "
         "the last good point, or loosen rtol."
+    ),
+    Outcome.LEFT_BASE: (
+        "The base point has drifted off the base manifold. Usual mend: give the groupoid a "
+        "restore_base(x) that brings nearby points back, or check that target(retract(x, xi)) "
+        "stays on it."
     ),
     Outcome.METRIC_INDEFINITE: (
         "The metric is no longer positive definite. Usual mend: stop before that point, or look "

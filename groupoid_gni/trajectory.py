@@ -23,6 +23,8 @@ from groupoid_gni.systems import MechanicalSystem, real_array
 
 _FORMAT = "groupoid_gni trajectory 1"
 _ARROW_TOLERANCE = 1e-8
+# CasADi evaluates a few thousand points at once faster than a million
+_BLOCK = 4096
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +77,9 @@ class Trajectory:
     def message(self) -> str:
         """How the run ended, in words."""
         return " ".join(part for part in (self.outcome.sentence, self.detail) if part)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Trajectory:
+        return self
 
     def __len__(self) -> int:
         return len(self.node_steps)
@@ -141,9 +146,17 @@ class Trajectory:
         """(n, m) ``mu (xi - Y)`` of all rows as given, at the mean momentum.
 
         relative : divide by ``|mu^a| (|xi| + |Y|)`` in the norms of the metric, the largest value
-            the row could take; independent of units and of the scale of the row.
+            the row could take; independent of units and of the scale of the row. |xi| is the
+            largest of the mean velocity and of those before and after the impact.
         """
-        return self.system.constraint_residuals(self.base, self.velocities, relative)
+        residuals = self.system.constraint_residuals(self.base, self.velocities)
+        if not relative or not self.system.constraint_count:
+            return residuals
+        speeds = [
+            self.system.speeds(self.base, self._evaluate("velocity", p))
+            for p in (self.momenta, self.momenta_before, self.momenta_after)
+        ]
+        return residuals / self.system.constraint_scales(self.base, np.max(speeds, axis=0))
 
     @property
     def newton_iterations(self) -> FloatArray:
@@ -164,6 +177,11 @@ class Trajectory:
     def parasitic_bound(self) -> float:
         """Largest (relative impulse)^2, an O(h^2) quantity the amplitude is compared with."""
         return float(self._part("parasitic")[-1, 2])
+
+    @property
+    def parasitic_at_start(self) -> float:
+        """Largest ``parasitic_amplitude`` of the first dozen nodes."""
+        return float(np.sqrt(self._part("parasitic")[-1, 4]))
 
     @property
     def final_state(self) -> tuple[FloatArray, FloatArray]:
@@ -246,8 +264,12 @@ class Trajectory:
         """A quantity of the system at every node, (n, size)."""
         if quantity not in self._expressions:
             self._expressions[quantity] = self._quantity(quantity)
-        values = self._expressions[quantity](self.base.T, p.T, self.system.parameter_vector)
-        return np.array(values).T.reshape(len(self), -1)
+        function, theta = self._expressions[quantity], self.system.parameter_vector
+        blocks = [
+            np.array(function(self.base[i : i + _BLOCK].T, p[i : i + _BLOCK].T, theta)).T
+            for i in range(0, len(self), _BLOCK)
+        ]
+        return np.concatenate(blocks).reshape(len(self), -1)
 
     def _quantity(self, quantity: str) -> ca.Function:
         e = SystemExpressions(self.system, self.active_rows)
@@ -320,6 +342,7 @@ class Trajectory:
             "parameters": list(self.system.parameters),
         }
         arrays: dict[str, Any] = {f"parameter_{k}": v for k, v in self.system.parameters.items()}
+        arrays["fingerprint"] = _fingerprint(self.system, self.base[0])
         handle, name = tempfile.mkstemp(dir=target.parent, suffix=".npz")
         try:
             with os.fdopen(handle, "wb") as file:
@@ -347,9 +370,14 @@ class Trajectory:
         try:
             with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
                 header = json.loads(str(file["header"]))
+                if header.get("format") != _FORMAT:
+                    raise TrajectoryFileError(
+                        f"{path} has the unknown format {header.get('format')!r}"
+                    )
                 steps, rows = file["node_steps"], file["rows"]
                 values = {k: file[f"parameter_{k}"] for k in header["parameters"]}
-        except FileNotFoundError:
+                fingerprint = file["fingerprint"]
+        except (FileNotFoundError, TrajectoryFileError):
             raise
         except Exception as error:
             raise TrajectoryFileError(
@@ -357,11 +385,18 @@ class Trajectory:
                 f"({type(error).__name__}: {error}); write it again with run.save(path)"
             ) from error
         _check_same_system(path, header, values, system)
+        system = system.with_parameters(**values)
+        found = _fingerprint(system, rows[0, slice(*header["layout"]["base"])])
+        if not np.allclose(found, fingerprint, rtol=1e-9, atol=0.0, equal_nan=True):
+            raise TrajectoryFileError(
+                f"{path} belongs to another system: at the first node the metric, the constraints, "
+                "the drift or the potential differ from those of the given one"
+            )
         layout = StateLayout(
             {k: slice(*v) for k, v in header["layout"].items()}, header["layout_size"]
         )
         return cls(
-            system=system.with_parameters(**values),
+            system=system,
             method_name=header["method"],
             step_size=header["step_size"],
             node_steps=steps,
@@ -412,11 +447,15 @@ def checked_arrow(name: str, space: LieGroupoid, arrow: FloatArray) -> FloatArra
     return arrow
 
 
+def _fingerprint(system: MechanicalSystem, base: FloatArray) -> FloatArray:
+    """All terms of a system at one base point, one after the other."""
+    names = ("metric", "constraints", "drift", "gyroscopic", "potential")
+    return np.concatenate([np.ravel(system.evaluate(name, base)) for name in names])
+
+
 def _check_same_system(
     path: Any, header: dict[str, Any], values: dict[str, FloatArray], system: MechanicalSystem
 ) -> None:
-    if header.get("format") != _FORMAT:
-        raise TrajectoryFileError(f"{path} has the unknown format {header.get('format')!r}")
     space = system.space
     shapes = {name: value.shape for name, value in values.items()}
     found = (header["space"], header["rank"], header["base_size"], shapes)

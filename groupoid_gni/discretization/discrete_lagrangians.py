@@ -43,6 +43,9 @@ class DiscreteLagrangian(ABC):
         use the argument instead of computing it again.
         """
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}()"
+
     def adjoint(self) -> DiscreteLagrangian:
         """``L_d*(g) = -L_d(g^-1)`` at step -h, whose free step is the adjoint one."""
         return Adjoint(self)

@@ -18,6 +18,7 @@ from groupoid_gni.array_types import Array
 from groupoid_gni.discretization.discrete_lagrangians import DiscreteLagrangian
 from groupoid_gni.discretization.elimination import coupled_groups, solve_linear
 from groupoid_gni.discretization.system_expressions import SystemExpressions
+from groupoid_gni.errors import InputError
 from groupoid_gni.expressions import RecordedFunction, record
 
 
@@ -55,6 +56,7 @@ class FreeFlight:
 
     def __init__(self, expressions: SystemExpressions, discrete: DiscreteLagrangian) -> None:
         self._expressions = expressions
+        self._name = str(discrete)
         self._gradients = _gradients_of_average(expressions, discrete)
 
     def legendre_minus(self, x0: ca.SX, xi: ca.SX, h: ca.SX, theta: ca.SX) -> ca.SX:
@@ -81,7 +83,12 @@ class FreeFlight:
         e = self._expressions
         xi = ca.SX.sym(name, e.rank)
         residual = self.legendre_minus(x0, xi, h, theta) - p0
-        jacobian = ca.jacobian(residual, xi)
+        jacobian = ca.sparsify(ca.jacobian(residual, xi))
+        if ca.sprank(jacobian) < e.rank:
+            raise InputError(
+                f"{self._name} is singular: its momentum does not determine the velocity. The "
+                "average must depend on the velocity in every direction, as L does"
+            )
         velocity = ca.SX(xi)
         implicit: list[int] = []
         for group in coupled_groups(jacobian):

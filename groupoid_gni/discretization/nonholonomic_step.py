@@ -28,6 +28,7 @@ from groupoid_gni.outcomes import Outcome
 
 _SINGULAR_PIVOT = 1e-13
 _VANISHING_ROW = 1e-12
+_EARLY_NODES = 12
 
 
 class _Inputs:
@@ -51,7 +52,7 @@ class _Inputs:
         for i, pivot in enumerate(node.metric_pivots):
             missing = _SINGULAR_PIVOT * node.metric[i, i] - pivot
             definite = ca.logic_and(definite, missing < 0)
-            guards.append(Guard(1 + missing, indefinite))
+            guards.append(Guard(ca.if_else(missing < 0, 0, 2), indefinite))
         for i, pivot in enumerate(node.pivots):
             missing = _SINGULAR_PIVOT * node.gram[i, i] - pivot
             vanished = _VANISHING_ROW * self.scales[i] - node.gram[i, i]
@@ -100,7 +101,7 @@ def two_step_program(
             "base": e.base_size,
             "before": e.rank,
             "after": e.rank,
-            **({"impulses": 2 * m, "parasitic": 4} if m else {}),
+            **({"impulses": 2 * m, "parasitic": 5} if m else {}),
             **_reconstructed_part(e, reconstruct),
         }
     )
@@ -147,7 +148,8 @@ def two_step_program(
 def _parasitic_monitor(
     node: Node, impulse: ca.SX, flight: Flight, state: ca.SX, layout: StateLayout
 ) -> ca.SX:
-    """Next impulses, then amplitude, largest amplitude, largest jump (squared), nodes seen.
+    """Next impulses, then amplitude, largest amplitude, largest jump (squared), nodes seen, and the
+    largest amplitude of the first nodes.
 
     The normal part ``mu^T c_k`` of p+ is h/2 times a smooth force plus ``(-1)^k u``; the second
     difference of c_k over four is u up to O(h^3); it needs three nodes. Sizes are squares relative
@@ -165,7 +167,8 @@ def _parasitic_monitor(
     amplitude = ca.if_else(enough, scale * _squared(node, ends - 2 * last), 0)
     jump = ca.if_else(enough, 4 * scale * _squared(node, ends + 2 * last), 0)
     largest, largest_jump = ca.fmax(record[1], amplitude), ca.fmax(record[2], jump)
-    return ca.vertcat(impulse, last, amplitude, largest, largest_jump, record[3] + 1)
+    early = ca.if_else(record[3] < _EARLY_NODES, largest, record[4])
+    return ca.vertcat(impulse, last, amplitude, largest, largest_jump, record[3] + 1, early)
 
 
 def _squared(node: Node, components: ca.SX) -> ca.SX:

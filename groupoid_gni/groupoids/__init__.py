@@ -17,6 +17,7 @@ from groupoid_gni.groupoids.se2 import SE2
 from groupoid_gni.groupoids.se3 import SE3
 from groupoid_gni.groupoids.so2 import SO2
 from groupoid_gni.groupoids.so3 import SO3
+from groupoid_gni.groupoids.spot_checks import broken_law
 from groupoid_gni.groupoids.vector_group import VectorGroup
 
 __all__ = [
@@ -37,4 +38,5 @@ __all__ = [
     "QuadraticGroup",
     "Retraction",
     "VectorGroup",
+    "broken_law",
 ]

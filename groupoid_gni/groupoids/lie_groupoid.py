@@ -234,8 +234,13 @@ class LieGroupoid(ABC):
         return np.zeros(np.broadcast_shapes(batch_shape(x), batch_shape(xi)))
 
     def base_defect(self, x: Array) -> Array:
-        """Give how far the coordinates x are from the base manifold, shape (...,); default 0."""
-        return np.zeros(batch_shape(x))
+        """Give how far the coordinates x are from the base manifold, shape (...,).
+
+        Default: the largest entry of ``|source(identity(x)) - x|``, which is zero on Q.
+        """
+        if not self.base_size:
+            return np.zeros(batch_shape(x))
+        return np.max(np.abs(np.asarray(self.source(self.identity(x))) - x), axis=-1)
 
     def restore_base(self, x: Array) -> Array:
         """Move x towards the base manifold by one Newton step; default: leave it.

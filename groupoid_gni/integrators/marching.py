@@ -34,7 +34,9 @@ from groupoid_gni.trajectory import Trajectory
 _FIRST_CHUNK = 1000
 _CHUNK_SECONDS = 0.01
 _PARASITIC_FACTOR = 2.0
+_PARASITIC_GROWTH = 10.0
 _PARASITIC_FLOOR = 1e-10
+_BASE_TOLERANCE = 1e-6
 
 
 def compiled_step(
@@ -134,15 +136,23 @@ def _node_numbers(
     if not expressions.constraint_count:
         empty = np.zeros(0)
         return {"scales": empty, "force": np.zeros(expressions.rank), "multipliers": empty}
+    key = ("start", expressions.active_rows)
+    kept = expressions.system._compiled
+    if key not in kept:
+        kept[key] = _node_function(expressions)
+    values = kept[key](start.base, start.momentum, theta)
+    return dict(
+        zip(("scales", "force", "multipliers"), (np.array(v).ravel() for v in values), strict=True)
+    )
+
+
+def _node_function(expressions: SystemExpressions) -> ca.Function:
     x, p = ca.SX.sym("x", expressions.base_size), ca.SX.sym("p", expressions.rank)
     parameters = ca.SX.sym("theta", expressions.parameter_size)
     node = expressions.node(x, parameters)
     multipliers = expressions.multipliers(x, p, parameters)
     outputs = [ca.diag(node.gram), ca.mtimes(node.mu.T, multipliers), multipliers]
-    values = ca.Function("start", [x, p, parameters], outputs)(start.base, start.momentum, theta)
-    return dict(
-        zip(("scales", "force", "multipliers"), (np.array(v).ravel() for v in values), strict=True)
-    )
+    return ca.Function("start", [x, p, parameters], outputs)
 
 
 def _initial_state(
@@ -192,6 +202,8 @@ def _march(request: _Request, show: bool) -> tuple[Chunks, Outcome, str, int]:
                     rescued += outcome is Outcome.SUCCESS
                 if _cut_where_rows_are_lost(request, chunks):
                     outcome = Outcome.CONSTRAINT_LOST
+                if outcome is Outcome.SUCCESS and _is_off_base(request, chunks[-1][0]):
+                    outcome = Outcome.LEFT_BASE
                 if outcome is not Outcome.SUCCESS:
                     return chunks, outcome, _detail(request, chunks[-1][0]), rescued
                 advance_bar(chunks[-1][0].step - done)
@@ -254,6 +266,11 @@ def _cut_where_rows_are_lost(request: _Request, chunks: Chunks) -> bool:
     return True
 
 
+def _is_off_base(request: _Request, progress: Progress) -> bool:
+    x = progress.state[request.runner.program.layout.slices["base"]]
+    return bool(np.any(request.system.space.base_defect(x) > _BASE_TOLERANCE))
+
+
 def _detail(request: _Request, progress: Progress) -> str:
     layout = request.runner.program.layout
     x = progress.state[layout.slices["base"]]
@@ -307,15 +324,21 @@ def _warn_of_parasitic_mode(run: Trajectory) -> None:
     if "parasitic" not in run.layout.slices:
         return
     growing = run.parasitic_maximum
-    bound = max(_PARASITIC_FACTOR * run.parasitic_bound, _PARASITIC_FLOOR)
+    bound = max(
+        _PARASITIC_FACTOR * run.parasitic_bound,
+        _PARASITIC_GROWTH * run.parasitic_at_start,
+        _PARASITIC_FLOOR,
+    )
     if growing[-1] > bound:
         since = run.times[np.argmax(growing > bound)]
-        warnings.warn(
+        text = (
             f"the (-1)^k mode of {run.method_name} left its O(h^2) level {bound:.2g} at t = "
             f"{since:g} and has reached {growing[-1]:.2g} of |p|: it grows where the true motion "
             "contracts volume, whatever the step, and the run should not be trusted from there on. "
-            "Use method=gni.GNI(), which has no such mode",
-            ParasiticModeWarning,
+            "Use method=gni.GNI(), which has no such mode"
+        )
+        warnings.warn(
+            ParasiticModeWarning(text, run),
             stacklevel=4,
         )
 

@@ -68,7 +68,9 @@ class ReferenceFlow:
 
     Not structure-preserving: use it for short-time accuracy and as an oracle.
 
-    rtol : relative tolerance per step.  atol : absolute tolerance; rtol * 1e-2 when left out.
+    rtol : relative tolerance per step.
+    atol : absolute tolerance of base coordinates and velocities (of momenta, times the inertia at
+        the start); rtol * 1e-2 when left out.
     """
 
     rtol: float = 1e-10

@@ -40,6 +40,7 @@ def integrate_reference(
         steps=np.unique(np.append(np.arange(0, count + 1, every), count)),
         h=h,
         first=np.concatenate([start.base, start.momentum]),
+        units=np.concatenate([np.ones(n), np.diag(system.evaluate("metric", start.base))]),
     )
     began = time.perf_counter()
     outcome, detail = sampling.run(method, progress)
@@ -64,12 +65,27 @@ def integrate_reference(
     )
 
 
+_MOST_EVALUATIONS = 1_000_000
+"""Evaluations between two nodes after which the method is taken to be stuck."""
+
+
 class _Sampling:
-    """DOP853 over the interval, its dense output read at the nodes."""
+    """DOP853 over the interval, its dense output read at the nodes.
+
+    units : what the absolute tolerance is multiplied with, entry by entry; the inertias for the
+        momenta, so that it speaks of velocities whatever the masses are.
+    """
 
     def __init__(
-        self, field: Any, theta: FloatArray, steps: np.ndarray, h: float, first: FloatArray
+        self,
+        field: Any,
+        theta: FloatArray,
+        steps: np.ndarray,
+        h: float,
+        first: FloatArray,
+        units: FloatArray,
     ) -> None:
+        self._units = units
         self.steps, self.h = steps, h
         self.rows = np.zeros((len(steps), len(first) + 1))
         self.rows[0, :-1] = first
@@ -101,12 +117,19 @@ class _Sampling:
         atol = method.atol if method.atol is not None else 1e-2 * method.rtol
         end = self.steps[-1] * self.h
         solver = DOP853(
-            self._right_hand_side, 0.0, self.rows[0, :-1], end, rtol=method.rtol, atol=atol
+            self._right_hand_side,
+            0.0,
+            self.rows[0, :-1],
+            end,
+            rtol=method.rtol,
+            atol=atol * self._units,
         )
+        last_node = 0
         while self.filled < len(self.steps):
             check()
             message = solver.step()
-            if solver.status == "failed" or not np.all(np.isfinite(solver.y)):
+            stuck = self.evaluations - last_node > _MOST_EVALUATIONS
+            if stuck or solver.status == "failed" or not np.all(np.isfinite(solver.y)):
                 detail = f"Stopped at t = {solver.t:.6g}. {message or ''}".strip()
                 return Outcome.ADAPTIVE_STEP_FAILED, detail
             reached = _nodes_reached(self.steps, self.h, self.filled, solver.t)
@@ -114,7 +137,7 @@ class _Sampling:
                 times = self.steps[self.filled : reached] * self.h
                 self.rows[self.filled : reached, :-1] = solver.dense_output()(times).T
                 advance_bar(int(self.steps[reached - 1] - self.steps[self.filled - 1]))
-                self.filled = reached
+                self.filled, last_node = reached, self.evaluations
         return Outcome.SUCCESS, f"{self.evaluations} evaluations of the equations of motion."
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from groupoid_gni.errors import InputError
 from groupoid_gni.plotting.panels import (
     plot_constraints,
     plot_energy,
@@ -32,6 +33,8 @@ def plot_trajectory(run: Trajectory, axes: Any = None) -> Any:
             figure.suptitle(f"{run.method_name}, step {run.step_size:g}", fontsize=10)
         else:
             panels = np.ravel(axes)
+            if len(panels) != 4:
+                raise InputError(f"plot needs four axes objects, got {len(panels)}")
             figure = panels[0].figure
         _plot_motion(panels[0], run)
         plot_velocities(panels[1], run)

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from groupoid_gni.array_types import ArrayLike, FloatArray
-from groupoid_gni.errors import InputError
-from groupoid_gni.groupoids import LieGroupoid
+from groupoid_gni.errors import GNIError, InputError
+from groupoid_gni.groupoids import LieGroupoid, broken_law
 
 BaseFunction = Callable[[Any, Any], Any]
 
@@ -31,6 +31,22 @@ def check_space(space: Any) -> None:
         raise InputError(
             f"space must be a LieGroupoid, not {type(space).__name__}; a Lie group or "
             "PairGroupoid(n) will do, or subclass gni.LieGroupoid"
+        )
+    if type(space).__module__.startswith("groupoid_gni."):
+        return
+    try:
+        law = broken_law(space)
+    except GNIError:
+        raise
+    except Exception as error:
+        raise InputError(
+            f"a function of {type(space).__name__} failed on plain floats: "
+            f"{type(error).__name__}: {error}"
+        ) from error
+    if law is not None:
+        raise InputError(
+            f"{type(space).__name__} is not a groupoid with a symmetric retraction: {law}. The "
+            "seven functions and their laws are listed in the docstring of gni.LieGroupoid"
         )
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from groupoid_gni.array_types import Array, ArrayLike, FloatArray
-from groupoid_gni.errors import InputError
+from groupoid_gni.errors import GNIError, InputError
 from groupoid_gni.expressions import RecordedFunction, record
 from groupoid_gni.expressions.explanation import location
 from groupoid_gni.groupoids import LieGroupoid
@@ -33,6 +33,7 @@ from groupoid_gni.systems.starts import (
     checked_state,
     independent_rows,
     largest_violations,
+    metric_norm,
     solve_each,
 )
 
@@ -74,6 +75,8 @@ class MechanicalSystem:
         parameters: Mapping[str, Any] | None = None,
     ) -> None:
         check_space(space)
+        if metric is None:
+            raise InputError("metric is missing: every system needs a bundle metric G")
         self.space = space
         self.parameters = checked_parameters({} if parameters is None else parameters)
         self._layout = ParameterLayout(tuple((k, v.shape) for k, v in self.parameters.items()))
@@ -104,6 +107,15 @@ class MechanicalSystem:
 
     def __delattr__(self, name: str) -> None:
         raise AttributeError(f"a MechanicalSystem is frozen, {name!r} cannot be deleted")
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> MechanicalSystem:
+        return self
+
+    def __reduce__(self) -> Any:
+        raise GNIError(
+            "a MechanicalSystem holds functions and machine code and cannot be pickled; build it "
+            "in the other process, and send runs by run.save(path), Trajectory.load(path, system)"
+        )
 
     def _register(self, name: str, given: BaseFunction | ArrayLike | None) -> None:
         if given is None:
@@ -256,9 +268,18 @@ class MechanicalSystem:
         mu, drift = self.evaluate("constraints", base), self.evaluate("drift", base)
         residuals = np.einsum("nar,nr->na", mu, velocities - drift)
         if relative and self.constraint_count:
-            size = largest_violations(mu, self.evaluate("metric", base), velocities, drift)
-            residuals = residuals / np.where(size > 0.0, size, 1.0)
+            residuals = residuals / self.constraint_scales(base, self.speeds(base, velocities))
         return np.asarray(residuals)
+
+    def speeds(self, base: FloatArray, velocities: FloatArray) -> FloatArray:
+        """``|xi|`` in the metric at many nodes, (n,)."""
+        return metric_norm(self.evaluate("metric", base), velocities)
+
+    def constraint_scales(self, base: FloatArray, speeds: FloatArray) -> FloatArray:
+        """``|mu^a| (speed + |Y|)`` in the norms of the metric, (n, m); one where that is zero."""
+        mu, drift = self.evaluate("constraints", base), self.evaluate("drift", base)
+        size = largest_violations(mu, self.evaluate("metric", base), speeds, drift)
+        return np.where(size > 0.0, size, 1.0)
 
     def state(
         self,
@@ -283,7 +304,7 @@ class MechanicalSystem:
     def checked_again(self, start: State) -> State:
         """A start made earlier, perhaps with other parameters, checked for this system; silent."""
         base = start.base if self.space.base_size else None
-        return checked_state(self, base, start.velocity, False)[0]
+        return checked_state(self, base, start.velocity, False, verified=True)[0]
 
     def independent_rows(self, base: FloatArray) -> tuple[int, ...]:
         """Constraint rows that are independent at a base point; warns about the others."""
