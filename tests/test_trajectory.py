@@ -156,3 +156,17 @@ def test_a_two_step_run_without_constraints_says_that_it_has_no_parasitic_record
     run = gni.integrate(system, start, step=0.1, n_steps=9, method=gni.Rattle())
     with pytest.raises(gni.InputError, match="no parasitic"):
         _ = run.parasitic_amplitude
+
+
+def test_a_file_of_a_system_with_other_terms_is_refused(tmp_path):
+    def made(row):
+        return gni.MechanicalSystem(
+            gni.PairGroupoid(2), np.diag([1.3, 0.7]), constraints=[[1.0, row]]
+        )
+
+    system = made(2.0)
+    start = system.state([0.1, 0.2], [-0.6, 0.3])
+    path = gni.integrate(system, start, step=0.1, n_steps=5).save(tmp_path / "run")
+    assert gni.Trajectory.load(path, made(2.0)).success
+    with pytest.raises(gni.TrajectoryFileError, match=r"another system.*constraints"):
+        gni.Trajectory.load(path, made(3.0))

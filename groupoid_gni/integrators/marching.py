@@ -202,7 +202,7 @@ def _march(request: _Request, show: bool) -> tuple[Chunks, Outcome, str, int]:
                     rescued += outcome is Outcome.SUCCESS
                 if _cut_where_rows_are_lost(request, chunks):
                     outcome = Outcome.CONSTRAINT_LOST
-                if outcome is Outcome.SUCCESS and _is_off_base(request, chunks[-1][0]):
+                if _is_off_base(request, chunks[-1][0]):
                     outcome = Outcome.LEFT_BASE
                 if outcome is not Outcome.SUCCESS:
                     return chunks, outcome, _detail(request, chunks[-1][0]), rescued

@@ -611,3 +611,63 @@ def test_a_fresh_process_finds_the_cache_of_an_earlier_one(cache, tmp_path):
     first, second = process(), process()
     assert (first[0], second[0]) == ("False", "True")
     assert first[1] == second[1]
+
+
+# ---------------------------------------------------------------- scales
+
+
+@pytest.mark.parametrize("mass", [1e-27, 1e-9, 1e12])
+def test_results_do_not_depend_on_the_unit_of_mass(mass):
+    shape = np.diag([1.0, 2.1, 3.3])
+    runs = []
+    for unit in (1.0, mass):
+        system = gni.MechanicalSystem(gni.SO3(), unit * shape, constraints=[[0.3, -0.5, 1.0]])
+        start = system.state(velocity=[0.9, 0.4, -0.07])
+        reference = gni.integrate(
+            system, start, step=0.1, n_steps=50, method=gni.ReferenceFlow(rtol=1e-11)
+        )
+        runs.append([gni.integrate(system, start, step=0.1, n_steps=50), reference])
+    for one, other in zip(*runs, strict=True):
+        assert np.allclose(one.velocities, other.velocities, rtol=0, atol=1e-11)
+
+
+def test_a_tiny_metric_that_depends_on_the_base_is_not_indefinite():
+    system = gni.MechanicalSystem(
+        TWO,
+        lambda x, p: 1.67e-27 * np.array([[1.3, 0.2], [0.2, 1.0 + x[0] ** 2]]),
+        constraints=[[0.3, 1.0]],
+    )
+    start = system.state([0.0, 0.0], [1.0, -0.3])
+    assert gni.integrate(system, start, step=0.05, n_steps=60).success
+
+
+def test_a_weak_constraint_force_over_a_short_time_raises_no_alarm():
+    space = gni.ActionGroupoid(
+        gni.SO3(), lambda q, g: np.einsum("...ji,...j->...i", g, q), np.array([0.6, 0.0, 0.8])
+    )
+    system = gni.MechanicalSystem(
+        space, np.diag([1.1, 0.7, 1.6]), constraints=lambda x, p: np.array([[x[0], x[1], x[2]]])
+    )
+    start = system.state([0.6, 0.0, 0.8], [0.3, 0.9, -0.225])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for h in (0.04, 0.02, 0.01):
+            gni.integrate(system, start, step=h, t_end=1.0, method=RATTLE)
+
+
+def test_the_alarm_carries_the_run_when_warnings_are_errors():
+    scene = gni.scenes.chaplygin_sleigh()
+    with warnings.catch_warnings(), pytest.raises(gni.ParasiticModeWarning) as caught:
+        warnings.simplefilter("error")
+        gni.integrate(scene.system, scene.start, step=0.1, t_end=30.0, method=RATTLE)
+    assert len(caught.value.result) == 301
+
+
+def test_systems_say_why_they_cannot_be_pickled_and_copy_as_themselves():
+    import copy
+    import pickle
+
+    system = stiff_metric()
+    assert copy.deepcopy(system) is system
+    with pytest.raises(gni.GNIError, match=r"cannot be pickled.*Trajectory\.load"):
+        pickle.dumps(system)
