@@ -53,7 +53,7 @@ def draw(runs: dict[str, gni.Trajectory], exact_velocity: np.ndarray) -> Figure:
         path.legend()
         speed.set_title("speed along the blade")
         speed.set_xlabel("t")
-        speed.legend()
+        speed.legend(loc="center", frameon=True, framealpha=0.9, edgecolor="none")
         energy.legend()
         constraint.legend()
         figure.suptitle("Chaplygin sleigh: one settles on the straight line, the other is reversed")
