@@ -115,7 +115,7 @@ class Trajectory:
     @property
     def momenta(self) -> FloatArray:
         """(n, r) mean of the two; it satisfies the constraints (equation (9b), section 8)."""
-        return 0.5 * (self.momenta_before + self.momenta_after)
+        return np.asarray(self.layout.node(self.rows)[1])
 
     @cached_property
     def velocities(self) -> FloatArray:

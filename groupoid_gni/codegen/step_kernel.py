@@ -203,7 +203,7 @@ class _StepKernel:
         if e.lanes > 1:
             self._phi("newton", "%busy", e.flag_type, ("%alive", step_end), (busy, newton_end))
         e.label("settled")
-        converged = busy if e.lanes == 1 else self._not(busy)
+        converged = self._not(busy)
         return inner, [*new[:n], *self.memory[: (HISTORY - 1) * n], *new[n:], total], converged
 
     def _unless_finished(self, busy: str, new: list[str], old: list[str]) -> list[str]:
@@ -226,14 +226,14 @@ class _StepKernel:
         return guess
 
     def _iterate(self, inner: Values, unknowns: list[str]) -> tuple[list[str], str, str, str]:
-        """One update: new unknowns and carried values, e^2, running count, and a flag.
+        """One update: new unknowns and carried values, e^2, running count, and a flag per lane.
 
-        The flag is "converged" for one lane, "still busy" per lane for several.
+        The flag tells whether the lane is still busy.
         """
         e = self.e
         work, energy = inner.output(_MEASURE)
         error = e.binary("fdiv", work, e.binary("fadd", energy, e.constant(rule.TINY)))
-        flag = self._finished(error)
+        busy = self._not(self._finished(error))
         n = self.unknown_size
         new = [
             e.binary("fsub", u, d)
@@ -246,16 +246,15 @@ class _StepKernel:
         else:
             error = e.select("%busy", error, "%t")
             total = e.binary("fadd", "%total", e.select("%busy", one, e.constant(0.0)))
-            flag = e.assign(f"and {e.flag_type} %busy, {self._not(flag)}")
-        return new, error, total, flag
+            busy = e.assign(f"and {e.flag_type} %busy, {busy}")
+        return new, error, total, busy
 
-    def _branch_after_iteration(self, flag: str) -> None:
+    def _branch_after_iteration(self, busy: str) -> None:
         """Go round again while any lane is unfinished and iterations are left."""
         e = self.e
-        if e.lanes == 1:
-            keep_going = self._not(flag)
-        else:
-            bits = e.assign(f"bitcast {e.flag_type} {flag} to i{e.lanes}")
+        keep_going = busy
+        if e.lanes > 1:
+            bits = e.assign(f"bitcast {e.flag_type} {busy} to i{e.lanes}")
             keep_going = e.assign(f"icmp ne i{e.lanes} {bits}, 0")
         e.line("%j1 = add i64 %j, 1")
         left = e.assign(f"icmp slt i64 %j1, {rule.MAX_ITERATIONS}")

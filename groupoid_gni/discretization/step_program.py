@@ -35,6 +35,11 @@ class StateLayout:
             slices[alias] = slices[name]
         return cls(slices, start)
 
+    def node(self, states: Any) -> tuple[Any, Any]:
+        """Base points and mean momenta of states (..., size)."""
+        before, after = states[..., self.slices["before"]], states[..., self.slices["after"]]
+        return states[..., self.slices["base"]], 0.5 * (before + after)
+
     def positions(self, *names: str) -> list[int]:
         """Indices in the state of the named parts, those that are there."""
         present = [self.slices[name] for name in names if name in self.slices]

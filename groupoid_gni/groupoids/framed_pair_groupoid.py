@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from groupoid_gni.array_types import Array, ArrayLike
+from groupoid_gni.array_types import Array
 from groupoid_gni.errors import InputError
 from groupoid_gni.groupoids.components import block_diagonal, block_structure, join, largest
 from groupoid_gni.groupoids.lie_group import LieGroup
-from groupoid_gni.groupoids.lie_groupoid import LieGroupoid
+from groupoid_gni.groupoids.pair_of_points import PairOfPoints
 
 
-class FramedPairGroupoid(LieGroupoid):
+class FramedPairGroupoid(PairOfPoints):
     """Q x Q => Q for Q = G_1 x ... x G_k, retract(x, xi) = (x, x tau(xi)) group by group.
 
     Base points are the flattened elements of the groups, one after the other; arrows are (x0, x1).
@@ -42,26 +42,6 @@ class FramedPairGroupoid(LieGroupoid):
             [group.flatten(group.identity_element) for group in groups]
         )
         self._point = np.zeros(0)
-
-    def source(self, g: Array) -> Array:
-        """Give x0."""
-        return g[..., : self.base_size]
-
-    def target(self, g: Array) -> Array:
-        """Give x1."""
-        return g[..., self.base_size :]
-
-    def identity(self, x: Array) -> Array:
-        """Give (x, x)."""
-        return join(x, x)
-
-    def multiply(self, g: Array, h: Array) -> Array:
-        """Give (x0, x1)(x1, x2) = (x0, x2)."""
-        return join(self.source(g), self.target(h))
-
-    def inverse(self, g: Array) -> Array:
-        """Give (x1, x0)."""
-        return join(self.target(g), self.source(g))
 
     def retract(self, x: Array, xi: Array) -> Array:
         """Give (x, x tau(xi)), or (x, tau(xi) x) on right groups."""
@@ -130,19 +110,6 @@ class FramedPairGroupoid(LieGroupoid):
     def restore_arrow(self, g: Array) -> Array:
         """Restore both ends."""
         return join(self.restore_base(self.source(g)), self.restore_base(self.target(g)))
-
-    def pose(self, arrow: Array) -> Array:
-        """Give the target."""
-        return self.target(arrow)
-
-    def arrow_to(self, base_point: Array, pose: ArrayLike | None = None) -> Array:
-        """Give the identity at ``base_point``: the pose is where the arrow ends.
-
-        Raises InputError for a pose that is somewhere else.
-        """
-        if pose is not None and not np.array_equal(np.asarray(pose), np.asarray(base_point)):
-            raise InputError(f"a pose here is where the arrow ends, {base_point}; leave it out")
-        return self.identity(base_point)
 
     def split(self, x: Array) -> list[Array]:
         """Give the group elements in their natural shapes."""

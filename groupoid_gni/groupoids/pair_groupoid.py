@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from groupoid_gni.array_types import Array, ArrayLike
-from groupoid_gni.errors import InputError
+from groupoid_gni.array_types import Array
 from groupoid_gni.groupoids.components import batch_shape, join, repeated
-from groupoid_gni.groupoids.lie_groupoid import LieGroupoid
+from groupoid_gni.groupoids.pair_of_points import PairOfPoints
 
 
-class PairGroupoid(LieGroupoid):
+class PairGroupoid(PairOfPoints):
     """R^n x R^n => R^n, arrows (x0, x1), retract(x, xi) = (x, x + xi).
 
     B+ = 1, B- = -1, anchor 1, bracket 0.
@@ -27,26 +26,6 @@ class PairGroupoid(LieGroupoid):
     def __init__(self, base_dim: int) -> None:
         self.base_dim = self.rank = base_dim
         self.example_base_point = np.zeros(base_dim)
-
-    def source(self, g: Array) -> Array:
-        """Give x0."""
-        return g[..., : self.base_dim]
-
-    def target(self, g: Array) -> Array:
-        """Give x1."""
-        return g[..., self.base_dim :]
-
-    def identity(self, x: Array) -> Array:
-        """Give (x, x)."""
-        return join(x, x)
-
-    def multiply(self, g: Array, h: Array) -> Array:
-        """Give (x0, x1)(x1, x2) = (x0, x2)."""
-        return join(self.source(g), self.target(h))
-
-    def inverse(self, g: Array) -> Array:
-        """Give (x1, x0)."""
-        return join(self.target(g), self.source(g))
 
     def retract(self, x: Array, xi: Array) -> Array:
         """Give (x, x + xi)."""
@@ -75,19 +54,6 @@ class PairGroupoid(LieGroupoid):
     def half(self, x: Array, xi: Array) -> Array:
         """Give xi / 2."""
         return xi / 2
-
-    def pose(self, arrow: Array) -> Array:
-        """Give the target."""
-        return self.target(arrow)
-
-    def arrow_to(self, base_point: Array, pose: ArrayLike | None = None) -> Array:
-        """Give the identity at ``base_point``: the pose is where the arrow ends.
-
-        Raises InputError for a pose that is somewhere else.
-        """
-        if pose is not None and not np.array_equal(np.asarray(pose), np.asarray(base_point)):
-            raise InputError(f"a pose here is where the arrow ends, {base_point}; leave it out")
-        return self.identity(base_point)
 
     def __repr__(self) -> str:
         return f"PairGroupoid({self.base_dim})"

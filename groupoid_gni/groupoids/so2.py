@@ -8,13 +8,13 @@ from __future__ import annotations
 import numpy as np
 
 from groupoid_gni.array_types import Array
-from groupoid_gni.groupoids.components import batch_shape, matrix_of, repeated, transpose
-from groupoid_gni.groupoids.lie_group import LieGroup, Side
-from groupoid_gni.groupoids.orthogonality import orthogonality_defect, orthogonality_step
+from groupoid_gni.groupoids.components import batch_shape, matrix_of, repeated
+from groupoid_gni.groupoids.lie_group import Side
 from groupoid_gni.groupoids.retractions import Cayley, Retraction
+from groupoid_gni.groupoids.rotation_group import RotationGroup
 
 
-class SO2(LieGroup):
+class SO2(RotationGroup):
     """Rotations of the plane; xi = (angle,), hat(xi) = angle J, J = [[0, -1], [1, 0]].
 
     Parameters
@@ -54,18 +54,6 @@ class SO2(LieGroup):
         c, s = first[..., 0, 0], first[..., 1, 0]
         d, t = second[..., 0, 0], second[..., 1, 0]
         return _rotation(c * d - s * t, s * d + c * t)
-
-    def inverse_element(self, element: Array) -> Array:
-        """Give the transpose."""
-        return transpose(element)
-
-    def element_defect(self, element: Array) -> Array:
-        """Give the largest of |R^T R - 1| and |det R - 1|."""
-        return orthogonality_defect(element)
-
-    def restore_element(self, element: Array) -> Array:
-        """Give R - R (R^T R - 1) / 2, a Newton step of the polar projection."""
-        return orthogonality_step(element)
 
     def rotation_size(self, xi: Array) -> Array:
         """Give |angle|."""

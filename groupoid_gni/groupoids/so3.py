@@ -16,13 +16,13 @@ from groupoid_gni.expressions import (
     versine_of_square,
     where,
 )
-from groupoid_gni.groupoids.components import dot, entries, matrix_of, transpose, vector_of
-from groupoid_gni.groupoids.lie_group import LieGroup, Side
-from groupoid_gni.groupoids.orthogonality import orthogonality_defect, orthogonality_step
+from groupoid_gni.groupoids.components import dot, entries, matrix_of, vector_of
+from groupoid_gni.groupoids.lie_group import Side
 from groupoid_gni.groupoids.retractions import Cayley, Retraction
+from groupoid_gni.groupoids.rotation_group import RotationGroup
 
 
-class SO3(LieGroup):
+class SO3(RotationGroup):
     """Rotations of space; xi = w, hat(w) y = w x y, so ad_w = hat(w) and Ad_R = R.
 
     Parameters
@@ -55,18 +55,6 @@ class SO3(LieGroup):
     def Ad(self, element: Array) -> Array:
         """Give R itself."""
         return element
-
-    def inverse_element(self, element: Array) -> Array:
-        """Give the transpose."""
-        return transpose(element)
-
-    def element_defect(self, element: Array) -> Array:
-        """Give the largest of |R^T R - 1| and |det R - 1|."""
-        return orthogonality_defect(element)
-
-    def restore_element(self, element: Array) -> Array:
-        """Give R - R (R^T R - 1) / 2, a Newton step of the polar projection."""
-        return orthogonality_step(element)
 
     def rotation_size(self, xi: Array) -> Array:
         """Give |w|."""

@@ -250,9 +250,7 @@ def _cut_where_rows_are_lost(request: _Request, chunks: Chunks) -> bool:
     (begin, _), (end, rows) = chunks[-2:]
     layout = request.runner.program.layout
     states = np.vstack([rows[:, : layout.size].reshape(-1, layout.size), end.state])
-    momenta = states[:, layout.slices["before"]] + states[:, layout.slices["after"]]
-    base = states[:, layout.slices["base"]]
-    lost = constraint_rows_lost(request.system, request.start.active_rows, base, momenta / 2)
+    lost = constraint_rows_lost(request.system, request.start.active_rows, *layout.node(states))
     if not np.any(lost):
         return False
     kept = int(np.argmax(lost))
@@ -267,18 +265,16 @@ def _cut_where_rows_are_lost(request: _Request, chunks: Chunks) -> bool:
 
 
 def _is_off_base(request: _Request, progress: Progress) -> bool:
-    x = progress.state[request.runner.program.layout.slices["base"]]
+    x, _ = request.runner.program.layout.node(progress.state)
     return bool(np.any(request.system.space.base_defect(x) > _BASE_TOLERANCE))
 
 
 def _detail(request: _Request, progress: Progress) -> str:
-    layout = request.runner.program.layout
-    x = progress.state[layout.slices["base"]]
-    p = 0.5 * (progress.state[layout.slices["before"]] + progress.state[layout.slices["after"]])
     rows = request.start.active_rows
     scales = request.parameters[len(request.parameters) - len(rows) :]
     where = (progress.step, request.count)
-    return failure_detail(request.system, rows, scales, request.h, where, (x, p))
+    node = request.runner.program.layout.node(progress.state)
+    return failure_detail(request.system, rows, scales, request.h, where, node)
 
 
 def _collect(
@@ -290,19 +286,13 @@ def _collect(
     rescued: int,
 ) -> Trajectory:
     program = request.runner.program
-    width = program.row_size
-    first = np.full((1, width), np.nan)
-    first[0, : program.layout.size] = request.state
-    first[0, -1] = 0.0
     saved = [rows for _, rows in chunks if rows.size]
     done = chunks[-1][0].step
     steps = np.arange(0, done + 1, request.every)
-    rows = np.concatenate([first, *saved])
+    rows = np.concatenate([_row_without_arrow(program, chunks[0][0]), *saved])
     if done % request.every:
-        last = np.full((1, width), np.nan)
-        last[0, : program.layout.size] = chunks[-1][0].state
-        last[0, -1] = chunks[-1][0].memory[-1]
-        rows, steps = np.concatenate([rows, last]), np.append(steps, done)
+        rows = np.concatenate([rows, _row_without_arrow(program, chunks[-1][0])])
+        steps = np.append(steps, done)
     flights = program.arrow_velocities.numel() // request.system.space.rank
     return Trajectory(
         system=request.system,
@@ -318,6 +308,14 @@ def _collect(
         seconds=seconds,
         rescued_steps=rescued,
     )
+
+
+def _row_without_arrow(program: StepProgram, progress: Progress) -> FloatArray:
+    """A row as the loop writes it, the arrow that led there left NaN."""
+    row = np.full((1, program.row_size), np.nan)
+    row[0, : program.layout.size] = progress.state
+    row[0, -1] = progress.memory[-1]
+    return row
 
 
 def _warn_of_parasitic_mode(run: Trajectory) -> None:
@@ -337,10 +335,7 @@ def _warn_of_parasitic_mode(run: Trajectory) -> None:
             "contracts volume, whatever the step, and the run should not be trusted from there on. "
             "Use method=gni.GNI(), which has no such mode"
         )
-        warnings.warn(
-            ParasiticModeWarning(text, run),
-            stacklevel=4,
-        )
+        warnings.warn(ParasiticModeWarning(text, run), stacklevel=4)
 
 
 @contextmanager
