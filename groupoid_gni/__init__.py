@@ -1,8 +1,11 @@
 """groupoid_gni: geometric nonholonomic integrators on Lie groupoids.
 
 Say where it moves (a Lie groupoid), say what moves (one mechanical system, as plain NumPy
-functions), integrate, look.
+functions), integrate, look. ``gni.verification`` holds the laws all of them obey.
 """
+
+from importlib import import_module
+from typing import Any
 
 from groupoid_gni import scenes
 from groupoid_gni.discretization import DiscreteLagrangian, EulerA, EulerB, Midpoint, Rattle
@@ -11,6 +14,7 @@ from groupoid_gni.errors import (
     GNIError,
     GNIWarning,
     InputError,
+    MetricMismatchError,
     NotComposableError,
     ParasiticModeWarning,
     RecordingError,
@@ -31,6 +35,7 @@ from groupoid_gni.groupoids import (
     FramedPairGroupoid,
     LieGroup,
     LieGroupoid,
+    MatrixGroup,
     PairGroupoid,
     ProductGroupoid,
     QuadraticGroup,
@@ -65,7 +70,9 @@ __all__ = [
     "InputError",
     "LieGroup",
     "LieGroupoid",
+    "MatrixGroup",
     "MechanicalSystem",
+    "MetricMismatchError",
     "Midpoint",
     "NotComposableError",
     "Outcome",
@@ -89,3 +96,10 @@ __all__ = [
     "scenes",
     "where",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Import the verification suite when it is asked for: it needs Hypothesis."""
+    if name == "verification":
+        return import_module("groupoid_gni.verification")
+    raise AttributeError(f"module 'groupoid_gni' has no attribute {name!r}")

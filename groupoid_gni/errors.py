@@ -21,6 +21,21 @@ class NotComposableError(InputError):
     """Two arrows do not meet: target(first) differs from source(then)."""
 
 
+class MetricMismatchError(InputError):
+    """A metric states one matrix at the identity and computes with another.
+
+    Attributes
+    ----------
+    stated, computed : ndarray, shape (d, d)
+        The two matrices, in the frame of the group.
+    """
+
+    def __init__(self, message: str, stated: Any = None, computed: Any = None) -> None:
+        super().__init__(message)
+        self.stated = stated
+        self.computed = computed
+
+
 class RecordingError(GNIError, TypeError):
     """A user's function did something that cannot be recorded symbolically."""
 
@@ -63,3 +78,30 @@ class ParasiticModeWarning(GNIWarning):
     def __init__(self, message: str, result: Any = None) -> None:
         super().__init__(message)
         self.result = result
+
+
+class BrokenLawError(GNIError, AssertionError):
+    """An object breaks a law it must obey.
+
+    Attributes
+    ----------
+    report : LawReport
+        Every law that was tried, with the smallest counterexample of each that failed.
+    """
+
+    def __init__(self, message: str, report: Any = None) -> None:
+        super().__init__(message)
+        self.report = report
+
+
+class BrokenLawWarning(GNIWarning):
+    """As BrokenLawError, for checks that only warn, and for laws that only advise.
+
+    Attributes
+    ----------
+    report : LawReport
+    """
+
+    def __init__(self, message: str, report: Any = None) -> None:
+        super().__init__(message)
+        self.report = report

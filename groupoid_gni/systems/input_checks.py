@@ -46,7 +46,8 @@ def check_space(space: Any) -> None:
     if law is not None:
         raise InputError(
             f"{type(space).__name__} is not a groupoid with a symmetric retraction: {law}. The "
-            "seven functions and their laws are listed in the docstring of gni.LieGroupoid"
+            "seven functions and their laws are listed in the docstring of gni.LieGroupoid; "
+            "gni.verification.check_groupoid(space) tries them all and shows the smallest example"
         )
 
 
