@@ -16,7 +16,9 @@ def load(name):
 
 
 def test_every_example_is_tested_here():
-    assert {p.stem for p in EXAMPLES.glob("*.py")} == {"chaplygin_sleigh", "rolling_sphere"}
+    assert {p.stem for p in EXAMPLES.glob("*.py")} == {
+        "chaplygin_sleigh", "hopf_gauge_groupoid", "rolling_sphere",
+    }  # fmt: skip
 
 
 def test_chaplygin_sleigh_settles_with_gni_and_is_reversed_with_rattle(tmp_path, capsys):
@@ -34,3 +36,13 @@ def test_rolling_sphere_has_order_two_and_the_known_error(tmp_path, capsys):
     assert numbers["difference"] < 5e-3
     assert (tmp_path / "new folder" / "sphere.png").stat().st_size > 20_000
     assert "moving energy" in capsys.readouterr().out
+
+
+def test_hopf_gauge_groupoid_gives_the_motion_of_the_action_groupoid(tmp_path, capsys):
+    numbers = load("hopf_gauge_groupoid").main(tmp_path / "hopf.png")
+    assert numbers["difference"] < 2e-11
+    assert numbers["off sphere"] < 2e-15
+    assert numbers["moving energy"] < 2e-4
+    assert numbers["crossings"] == 31
+    assert (tmp_path / "hopf.png").stat().st_size > 20_000
+    assert "HopfGaugeGroupoid" in capsys.readouterr().out

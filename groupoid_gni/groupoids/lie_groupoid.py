@@ -45,7 +45,8 @@ class LieGroupoid(ABC):
     5. ``retract(x, xi)`` : (base_size,), (rank,) -> an arrow with source x;
        ``retract(x, 0) = identity(x)`` and, with x' its target,
        ``inverse(retract(x, xi)) = retract(x', -xi)``
-    6. ``lift(g)`` : the components xi with ``retract(source(g), xi) = g``
+    6. ``lift(g)`` : the components xi with ``retract(source(g), xi) = g``; among all arrows,
+       zero for identities only, as equality of arrows is judged by it
     7. ``rank`` (int) and ``example_base_point`` (1-d array, a point of Q)
 
     Closed forms can be compared with those of ``gni.DerivedGroupoid(MyGroupoid())``.

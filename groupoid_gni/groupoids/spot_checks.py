@@ -44,6 +44,11 @@ def _gaps(
     yield "lift(inverse(retract(x, xi))) = -xi", _distance(space.lift(back), -xi)
     closed = space.multiply(back, g)
     yield "lift(multiply(inverse(g), g)) = 0", _distance(space.lift(closed), 0.0 * xi)
+    # not inverse(g): where arrows are classes, its representative fits g even if no other does
+    returned = space.multiply(g, space.retract(end, -xi))
+    yield "multiply(g, retract(target(g), -xi)) = identity", _distance(
+        space.lift(returned), 0.0 * xi
+    )
     h = space.retract(end, eta)
     k = space.retract(np.asarray(space.target(h), dtype=float), zeta)
     yield "target(multiply(g, h)) = target(h)", _distance(

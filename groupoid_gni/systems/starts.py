@@ -129,9 +129,9 @@ def _checked_base(
     if defect > _GROUP_TOLERANCE:
         raise InputError(
             f"base lies off the base manifold of {type(system.space).__name__} by {defect:.3g} "
-            f"(allowed {_GROUP_TOLERANCE:.0e}): a rotation block is not orthogonal, or has "
-            "determinant -1. Mend the matrix, or pass project_start=True if it is only "
-            "slightly off"
+            f"(allowed {_GROUP_TOLERANCE:.0e}), for example because a rotation block is not "
+            "orthogonal, or has determinant -1. Mend the point, or pass project_start=True if it "
+            "is only slightly off; a groupoid of your own brings points back by restore_base"
         )
     return x
 
