@@ -20,6 +20,7 @@ ORDER = [
     ["expressions"],
     ["groupoids"],
     ["systems"],
+    ["geomstats_bridge"],
     ["discretization", "scenes"],
     ["codegen"],
     ["trajectory"],

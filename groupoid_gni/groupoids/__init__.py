@@ -9,6 +9,7 @@ from groupoid_gni.groupoids.atiyah_groupoid import AtiyahGroupoid
 from groupoid_gni.groupoids.framed_pair_groupoid import FramedPairGroupoid
 from groupoid_gni.groupoids.lie_group import LieGroup
 from groupoid_gni.groupoids.lie_groupoid import DerivedGroupoid, LieGroupoid
+from groupoid_gni.groupoids.matrix_group import MatrixGroup
 from groupoid_gni.groupoids.pair_groupoid import PairGroupoid
 from groupoid_gni.groupoids.product_groupoid import ProductGroupoid
 from groupoid_gni.groupoids.quadratic_group import QuadraticGroup
@@ -33,6 +34,7 @@ __all__ = [
     "FramedPairGroupoid",
     "LieGroup",
     "LieGroupoid",
+    "MatrixGroup",
     "PairGroupoid",
     "ProductGroupoid",
     "QuadraticGroup",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from functools import cached_property
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from groupoid_gni.groupoids import matrix_functions
 from groupoid_gni.groupoids.components import batch_shape, repeated, transpose
 from groupoid_gni.groupoids.lie_groupoid import LieGroupoid
 from groupoid_gni.groupoids.retractions import Cayley, Retraction
+
+if TYPE_CHECKING:
+    from groupoid_gni.groupoids.matrix_group import MatrixGroup
 
 Side = Literal["left", "right"]
 """left: body velocities, W_{k+1} = W_k tau(xi); right: space velocities, W_{k+1} = tau(xi) W_k."""
@@ -70,6 +73,45 @@ class LieGroup(LieGroupoid):
         self.example_base_point = np.zeros(0)
         self.side: Side = side
         self.retraction = retraction
+
+    @classmethod
+    def from_geomstats(
+        cls,
+        space: Any,
+        *,
+        side: Side = "left",
+        retraction: Retraction = Cayley(),  # noqa: B008 - frozen
+    ) -> MatrixGroup:
+        """Give the group of a geomstats matrix group, in the basis of its ``lie_algebra``.
+
+        A QuadraticGroup where the algebra is that of a form, P X + X^T P = 0 (SpecialOrthogonal),
+        which restores elements and inverts them exactly; a MatrixGroup otherwise
+        (SpecialEuclidean, GeneralLinear, triangular matrices). SO2, SO3, SE2 and SE3 have the bases
+        of geomstats, restore elements and have closed exponentials: use them where they fit.
+
+        Parameters
+        ----------
+        space : geomstats matrix group
+            ``lie_algebra.basis``, ``identity``, ``belongs`` and ``compose`` are read, here only:
+            nothing of geomstats is called afterwards.
+        side : {"left", "right"}
+        retraction : Retraction
+
+        Raises
+        ------
+        InputError
+            For manifolds that are no groups, points that are vectors, a space that does not agree
+            with the group built from its basis, and where Cayley leaves the group.
+        """
+        from groupoid_gni.groupoids.from_geomstats import group_from_geomstats
+
+        group = group_from_geomstats(space, side, retraction)
+        if not isinstance(group, cls):
+            raise InputError(
+                f"{cls.__name__}.from_geomstats({type(space).__name__}) would give a "
+                f"{type(group).__name__}: write LieGroup.from_geomstats(...)."
+            )
+        return group
 
     # The algebra.
 

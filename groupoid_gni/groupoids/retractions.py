@@ -114,7 +114,8 @@ class Exponential(Retraction):
 class Cayley(Retraction):
     """The Cayley map (1 - xi/2)^{-1} (1 + xi/2), choice (b) of the appendix.
 
-    For quadratic groups and rigid motions; no trigonometry, no singular derivatives.
+    For groups whose algebra contains its cubes: quadratic groups, rigid motions, GL(n), triangular
+    matrices. No trigonometry, no singular derivatives.
     """
 
     def tau(self, group: LieGroup, xi: Array) -> Array:

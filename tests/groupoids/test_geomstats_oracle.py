@@ -1,39 +1,22 @@
-"""Our groups against geomstats: product, inverse, exponential, logarithm, adjoint, structure.
-
-geomstats 2.8 does ``from numpy import trapz``, which NumPy 2.4 no longer has, and its backend
-loader warns; both are handled for the length of the import and undone (docs/decisions/0001).
-"""
-
-import warnings
+"""Our groups against geomstats: product, inverse, exponential, logarithm, adjoint, structure."""
 
 import numpy as np
 import pytest
 
 import groupoid_gni as gni
-
-OLD_NAME = "trapz"
+from groupoid_gni.geomstats_bridge import geomstats_module
 
 
 @pytest.fixture(scope="module")
 def spaces():
-    missing = not hasattr(np, OLD_NAME)
-    if missing:
-        setattr(np, OLD_NAME, np.trapezoid)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            from geomstats.geometry.special_euclidean import SpecialEuclidean
-            from geomstats.geometry.special_orthogonal import SpecialOrthogonal
-
-            return {
-                "SO2": SpecialOrthogonal(n=2),
-                "SO3": SpecialOrthogonal(n=3),
-                "SE2": SpecialEuclidean(n=2),
-                "SE3": SpecialEuclidean(n=3),
-            }
-    finally:
-        if missing:
-            delattr(np, OLD_NAME)
+    orthogonal = geomstats_module("geomstats.geometry.special_orthogonal").SpecialOrthogonal
+    euclidean = geomstats_module("geomstats.geometry.special_euclidean").SpecialEuclidean
+    return {
+        "SO2": orthogonal(n=2),
+        "SO3": orthogonal(n=3),
+        "SE2": euclidean(n=2),
+        "SE3": euclidean(n=3),
+    }
 
 
 GROUPS = {"SO2": gni.SO2, "SO3": gni.SO3, "SE2": gni.SE2, "SE3": gni.SE3}
@@ -81,7 +64,3 @@ def test_our_elements_belong_to_their_groups_with_both_retractions(pair):
     group, space = pair
     for elements in (group.exp(vectors(group)), group.cay(vectors(group))):
         assert np.all(space.belongs(elements, atol=1e-12))
-
-
-def test_numpy_is_left_as_it_was_found(spaces):
-    assert hasattr(np, OLD_NAME) == (tuple(map(int, np.__version__.split(".")[:2])) < (2, 4))
