@@ -17,7 +17,7 @@ def load(name):
 
 def test_every_example_is_tested_here():
     assert {p.stem for p in EXAMPLES.glob("*.py")} == {
-        "chaplygin_sleigh", "hopf_gauge_groupoid", "rolling_sphere",
+        "chaplygin_sleigh", "hopf_gauge_groupoid", "rolling_sphere", "six_systems",
     }  # fmt: skip
 
 
@@ -46,3 +46,11 @@ def test_hopf_gauge_groupoid_gives_the_motion_of_the_action_groupoid(tmp_path, c
     assert numbers["crossings"] == 31
     assert (tmp_path / "hopf.png").stat().st_size > 20_000
     assert "HopfGaugeGroupoid" in capsys.readouterr().out
+
+
+def test_six_systems_follow_their_exact_or_reference_motions(tmp_path, capsys):
+    errors = load("six_systems").main(tmp_path / "six.png")
+    assert len(errors) == 6
+    assert max(errors.values()) < 1e-3
+    assert (tmp_path / "six.png").stat().st_size > 100_000
+    assert "heading left out" in capsys.readouterr().out

@@ -4,8 +4,21 @@ Takes physical numbers, gives a Scene.
 """
 
 from groupoid_gni.scenes.chaplygin_sleigh import chaplygin_sleigh
+from groupoid_gni.scenes.constrained_particle import constrained_particle
 from groupoid_gni.scenes.inhomogeneous_ball import inhomogeneous_ball
 from groupoid_gni.scenes.rolling_ball import rolling_ball
 from groupoid_gni.scenes.scene import Scene
+from groupoid_gni.scenes.suslov import suslov
+from groupoid_gni.scenes.two_wheeled_robot import two_wheeled_robot
+from groupoid_gni.scenes.veselova import veselova
 
-__all__ = ["Scene", "chaplygin_sleigh", "inhomogeneous_ball", "rolling_ball"]
+__all__ = [
+    "Scene",
+    "chaplygin_sleigh",
+    "constrained_particle",
+    "inhomogeneous_ball",
+    "rolling_ball",
+    "suslov",
+    "two_wheeled_robot",
+    "veselova",
+]

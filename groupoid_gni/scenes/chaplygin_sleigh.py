@@ -9,6 +9,7 @@ import numpy as np
 from groupoid_gni.array_types import FloatArray
 from groupoid_gni.groupoids import SE2, Cayley, Retraction
 from groupoid_gni.scenes.scene import Scene
+from groupoid_gni.scenes.settling import settling_motion
 from groupoid_gni.systems import MechanicalSystem
 
 
@@ -54,17 +55,13 @@ def _exact_motion(
 ) -> Callable[[FloatArray], tuple[FloatArray, FloatArray]]:
     """The closed form of the docstring above, through the start."""
     about_blade = inertia + mass * offset**2
-    twice_energy = mass * speed**2 + about_blade * spin**2
-    top_speed, top_spin = np.sqrt(twice_energy / mass), np.sqrt(twice_energy / about_blade)
-    rate = offset * np.sqrt(twice_energy * mass) / about_blade
-    # artanh(speed / top_speed) without the cancellation near a straight motion
-    phase = np.arcsinh(np.sqrt(mass / about_blade) * speed / abs(spin))
+    # in sqrt(m) v and sqrt(I) omega the energy is a circle
+    stretch, twist = np.sqrt(mass), np.sqrt(about_blade)
+    rate = offset * stretch / about_blade
 
     def exact(times: FloatArray) -> tuple[FloatArray, FloatArray]:
-        argument = rate * np.asarray(times) + phase
-        omega = np.copysign(top_spin, spin) / np.cosh(argument)
-        along = top_speed * np.tanh(argument)
-        velocity = np.stack([omega, along, np.zeros_like(along)], axis=-1)
+        along, omega = settling_motion(times, rate, stretch * speed, twist * spin)
+        velocity = np.stack([omega / twist, along / stretch, np.zeros_like(along)], axis=-1)
         return np.zeros((len(velocity), 0)), velocity
 
     return exact

@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from groupoid_gni.array_types import FloatArray
-from groupoid_gni.systems import MechanicalSystem, State
+import numpy as np
+
+from groupoid_gni.array_types import ArrayLike, FloatArray
+from groupoid_gni.errors import InputError
+from groupoid_gni.systems import MechanicalSystem, State, real_array
 
 
 @dataclass(frozen=True)
@@ -21,3 +24,16 @@ class Scene:
     start: State
     description: str
     exact: Callable[[FloatArray], tuple[FloatArray, FloatArray]] | None = None
+
+
+def checked_numbers(name: str, given: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """An argument of a scene as finite floats of the given shape.
+
+    Raises InputError saying what is wrong with it.
+    """
+    numbers = real_array(name, given)
+    if numbers.shape != shape:
+        raise InputError(f"{name} must have shape {shape}, got {numbers.shape}")
+    if not np.all(np.isfinite(numbers)):
+        raise InputError(f"{name} must be finite, got {numbers}")
+    return numbers

@@ -144,7 +144,13 @@ def test_equal_moments_make_the_inhomogeneous_ball_the_homogeneous_one() -> None
 
 
 @pytest.mark.parametrize("tau", [gni.Cayley(), gni.Exponential()])
-@pytest.mark.parametrize("make", ["rolling_ball", "inhomogeneous_ball", "chaplygin_sleigh"])
+@pytest.mark.parametrize(
+    "make",
+    [
+        "rolling_ball", "inhomogeneous_ball", "chaplygin_sleigh",
+        "suslov", "veselova", "two_wheeled_robot",
+    ],
+)  # fmt: skip
 def test_every_scene_takes_every_retraction_and_says_what_it_leaves_out(
     make: str, tau: gni.Retraction
 ) -> None:
