@@ -8,7 +8,17 @@ from importlib import import_module
 from typing import Any
 
 from groupoid_gni import scenes
-from groupoid_gni.discretization import DiscreteLagrangian, EulerA, EulerB, Midpoint, Rattle
+from groupoid_gni.discretization import (
+    ConstraintAtBothEnds,
+    ConstraintAtMidpoint,
+    ConstraintAtSource,
+    ConstraintAtTarget,
+    DiscreteLagrangian,
+    EulerA,
+    EulerB,
+    Midpoint,
+    Rattle,
+)
 from groupoid_gni.errors import (
     DependentConstraintsWarning,
     GNIError,
@@ -42,7 +52,14 @@ from groupoid_gni.groupoids import (
     Retraction,
     VectorGroup,
 )
-from groupoid_gni.integrators import GNI, ReferenceFlow, Variational, integrate, next_arrow
+from groupoid_gni.integrators import (
+    GNI,
+    DiscreteLagrangeDAlembert,
+    ReferenceFlow,
+    Variational,
+    integrate,
+    next_arrow,
+)
 from groupoid_gni.outcomes import Outcome
 from groupoid_gni.systems import MechanicalSystem, State
 from groupoid_gni.trajectory import Trajectory
@@ -58,8 +75,13 @@ __all__ = [
     "ActionGroupoid",
     "AtiyahGroupoid",
     "Cayley",
+    "ConstraintAtBothEnds",
+    "ConstraintAtMidpoint",
+    "ConstraintAtSource",
+    "ConstraintAtTarget",
     "DependentConstraintsWarning",
     "DerivedGroupoid",
+    "DiscreteLagrangeDAlembert",
     "DiscreteLagrangian",
     "EulerA",
     "EulerB",

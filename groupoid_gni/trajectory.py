@@ -114,24 +114,28 @@ class Trajectory:
 
     @property
     def momenta(self) -> FloatArray:
-        """(n, r) mean of the two; it satisfies the constraints (equation (9b), section 8)."""
+        """(n, r) mean of the two; it satisfies the constraints (equation (9b), section 8).
+
+        DiscreteLagrangeDAlembert: their common part on D, lifted to the constraint set.
+        """
         return np.asarray(self.layout.node(self.rows)[1])
 
     @cached_property
     def velocities(self) -> FloatArray:
-        """(n, r) velocity components of the mean momentum in the frame of AG."""
+        """(n, r) velocity components of ``momenta`` in the frame of AG."""
         return self._evaluate("velocity", self.momenta)
 
     @cached_property
     def multipliers(self) -> FloatArray:
         """(n, m) constraint forces lambda with ``p' = ... + mu^T lambda`` (per unit time).
 
-        Two-step methods: the impulse of the node divided by the step. Projected and reference
-        methods: the multiplier of the equations of motion at the node. Zero for rows left out.
+        Two-step and Lagrange-d'Alembert methods: the impulse of the node divided by the step.
+        Projected and reference methods: the multiplier of the equations of motion at the node. Zero
+        for rows left out.
         """
-        two_step = self.layout.slices["before"] != self.layout.slices["after"]
-        if two_step:
-            values = -2.0 / self.step_size * self._evaluate("impulse", self.momenta_before)
+        if self.layout.slices["before"] != self.layout.slices["after"]:
+            change = self.momenta_after - self.momenta_before
+            values = self._evaluate("along_rows", change) / self.step_size
         else:
             values = self._evaluate("multipliers", self.momenta)
         full = np.zeros((len(self), self.system.constraint_count))
@@ -139,15 +143,18 @@ class Trajectory:
         return full
 
     def energy(self) -> FloatArray:
-        """(n,) energy ``<p, xi> - L`` at the mean momentum."""
+        """(n,) energy ``<p, xi> - L`` at ``momenta``."""
         return self._evaluate("energy", self.momenta)[:, 0]
 
     def constraint_residuals(self, relative: bool = False) -> FloatArray:
-        """(n, m) ``mu (xi - Y)`` of all rows as given, at the mean momentum.
+        """(n, m) ``mu (xi - Y)`` of all rows as given, at ``velocities``.
+
+        Round-off for every method that steps; what DiscreteLagrangeDAlembert itself imposes
+        is ``arrow_residuals``.
 
         relative : divide by ``|mu^a| (|xi| + |Y|)`` in the norms of the metric, the largest value
             the row could take; independent of units and of the scale of the row. |xi| is the
-            largest of the mean velocity and of those before and after the impact.
+            largest of the node's velocity and of those before and after the impact.
         """
         residuals = self.system.constraint_residuals(self.base, self.velocities)
         if not relative or not self.system.constraint_count:
@@ -157,6 +164,19 @@ class Trajectory:
             for p in (self.momenta, self.momenta_before, self.momenta_after)
         ]
         return residuals / self.system.constraint_scales(self.base, np.max(speeds, axis=0))
+
+    def arrow_residuals(self, relative: bool = False) -> FloatArray:
+        """(n, active rows) discrete constraint of the arrow that leaves each node (M_c of [28]).
+
+        relative : divide by ``|mu^a| (|xi| + |Y|)`` at the node, xi the velocity of the arrow.
+        Raises InputError when the method has no discrete constraint.
+        """
+        residuals = self._part("on_arrow")
+        if not relative:
+            return residuals
+        speeds = self.system.speeds(self.base, self._part("leaving"))
+        scales = self.system.constraint_scales(self.base, speeds)
+        return np.asarray(residuals / scales[:, list(self.active_rows)])
 
     @property
     def newton_iterations(self) -> FloatArray:
@@ -278,7 +298,7 @@ class Trajectory:
         expression = {
             "velocity": lambda: e.velocity(x, p, theta),
             "energy": lambda: e.energy(x, p, theta),
-            "impulse": lambda: e.node(x, theta).impulse(p),
+            "along_rows": lambda: e.node(x, theta).along_rows(p),
             "multipliers": lambda: e.multipliers(x, p, theta),
         }[quantity]()
         return ca.Function(quantity, [x, p, theta], [ca.cse(ca.densify(expression))])
@@ -299,6 +319,9 @@ class Trajectory:
         if self.system.constraint_count:
             worst = float(np.max(np.abs(self.constraint_residuals(relative=True))))
             lines.append(f"  constraints  largest relative residual {worst:.2e}")
+        if "on_arrow" in self.layout.slices:
+            worst = float(np.max(np.abs(self.arrow_residuals(relative=True))))
+            lines[-1] += f" at nodes, {worst:.2e} on arrows"
         if "parasitic" in self.layout.slices:
             largest = self.parasitic_maximum[-1]
             lines.append(f"  parasitic    largest amplitude {largest:.2e} of |p|")

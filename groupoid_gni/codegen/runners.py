@@ -53,6 +53,12 @@ class StepRunner(ABC):
         """
 
     @cached_property
+    def starting(self) -> StepRunner | None:
+        """Runs the program that completes a start; None where a start is complete."""
+        start = self.program.start
+        return None if start is None else InterpretedStep(start)
+
+    @cached_property
     def _first_memory(self) -> ca.Function:
         p = self.program
         return ca.Function("first", [p.parameters, p.state], [p.first_guess, p.first_carried])

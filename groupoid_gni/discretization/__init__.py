@@ -4,6 +4,13 @@ Everything here is symbolic: nothing is run. The equations are those of the pape
 the room hands a ``StepProgram`` to ``codegen``.
 """
 
+from groupoid_gni.discretization.discrete_constraints import (
+    ConstraintAtBothEnds,
+    ConstraintAtMidpoint,
+    ConstraintAtSource,
+    ConstraintAtTarget,
+    DiscreteConstraint,
+)
 from groupoid_gni.discretization.discrete_lagrangians import (
     DiscreteLagrangian,
     EulerA,
@@ -12,6 +19,10 @@ from groupoid_gni.discretization.discrete_lagrangians import (
     Rattle,
 )
 from groupoid_gni.discretization.free_flight import FreeFlight
+from groupoid_gni.discretization.lagrange_dalembert_step import (
+    lagrange_dalembert_function,
+    lagrange_dalembert_program,
+)
 from groupoid_gni.discretization.nonholonomic_step import (
     next_arrow_function,
     projected_program,
@@ -22,6 +33,11 @@ from groupoid_gni.discretization.step_program import StateLayout, StepProgram
 from groupoid_gni.discretization.system_expressions import SystemExpressions
 
 __all__ = [
+    "ConstraintAtBothEnds",
+    "ConstraintAtMidpoint",
+    "ConstraintAtSource",
+    "ConstraintAtTarget",
+    "DiscreteConstraint",
     "DiscreteLagrangian",
     "EulerA",
     "EulerB",
@@ -31,6 +47,8 @@ __all__ = [
     "StateLayout",
     "StepProgram",
     "SystemExpressions",
+    "lagrange_dalembert_function",
+    "lagrange_dalembert_program",
     "next_arrow_function",
     "projected_program",
     "reference_field",

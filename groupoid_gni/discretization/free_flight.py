@@ -27,7 +27,8 @@ class Flight:
     """The expressions of one flight from (x0, p0) over the time h.
 
     unknowns : the velocity components that need a solver, as symbols; may be empty.
-    implicit : their indices.  jacobian : of their equations.
+    implicit : their indices.  jacobian : (r, r), of all equations; the components that need a
+        solver are not coupled with the others.
     update : their Newton update (current minus better value).
     work : sum of |residual * update|, the squared error of the current values as an energy.
     velocity : xi, explicit components solved for and implicit ones after the Newton update.
@@ -48,7 +49,12 @@ class Flight:
 
     def response(self, dp: ca.SX) -> ca.SX:
         """Change of the unknowns when p0 changes by the columns of dp, to first order."""
-        return solve_linear(self.jacobian, dp[list(self.implicit), :])
+        rows = list(self.implicit)
+        return solve_linear(self.jacobian[rows, rows], dp[rows, :])
+
+    def velocity_response(self, dp: ca.SX) -> ca.SX:
+        """Change of ``velocity`` when p0 changes by the columns of dp; exact at fixed unknowns."""
+        return solve_linear(self.jacobian, dp)
 
 
 class FreeFlight:
@@ -108,7 +114,7 @@ class FreeFlight:
         return Flight(
             unknowns=xi[implicit, 0],
             implicit=tuple(implicit),
-            jacobian=block,
+            jacobian=jacobian,
             update=update,
             work=ca.sum1(ca.fabs(residual[implicit, 0] * update)),
             velocity=velocity,

@@ -31,7 +31,7 @@ _VANISHING_ROW = 1e-12
 _EARLY_NODES = 12
 
 
-class _Inputs:
+class StepInputs:
     """Symbols every program starts from: parameters, step size, constraint scales."""
 
     def __init__(self, expressions: SystemExpressions) -> None:
@@ -71,7 +71,7 @@ def next_arrow_function(
     expressions: SystemExpressions, discrete: DiscreteLagrangian
 ) -> ca.Function:
     """(x0, xi_g, h, theta, xi_next) -> (residual of (49), its Jacobian, q, p+, p-, first guess)."""
-    inputs = _Inputs(expressions)
+    inputs = StepInputs(expressions)
     x0 = ca.SX.sym("x0", expressions.base_size)
     xi, following = ca.SX.sym("xi", expressions.rank), ca.SX.sym("next", expressions.rank)
     flight = FreeFlight(expressions, discrete)
@@ -94,7 +94,7 @@ def two_step_program(
     part of them (the parasitic mode of the two-step recursion) now and at its largest, the largest
     impulse, and how many nodes were seen.
     """
-    e, inputs = expressions, _Inputs(expressions)
+    e, inputs = expressions, StepInputs(expressions)
     m = e.constraint_count
     layout = StateLayout.of(
         {
@@ -102,7 +102,7 @@ def two_step_program(
             "before": e.rank,
             "after": e.rank,
             **({"impulses": 2 * m, "parasitic": 5} if m else {}),
-            **_reconstructed_part(e, reconstruct),
+            **reconstructed_part(e, reconstruct),
         }
     )
     state = ca.SX.sym("state", layout.size)
@@ -117,7 +117,7 @@ def two_step_program(
         flight.momentum,
         node.reflect(flight.momentum),
         monitor,
-        _reconstruction(e, state, layout, arrow) if reconstruct else ca.SX(0, 1),
+        reconstruction(e, state, layout, arrow) if reconstruct else ca.SX(0, 1),
     )
     guards = [
         Guard(e.reach(x0, flight.arrow), Outcome.LEFT_DOMAIN),
@@ -176,13 +176,15 @@ def _squared(node: Node, components: ca.SX) -> ca.SX:
     return ca.dot(components, ca.mtimes(node.gram, components))
 
 
-def _reconstructed_part(e: SystemExpressions, reconstruct: bool) -> dict[str, int]:
+def reconstructed_part(e: SystemExpressions, reconstruct: bool) -> dict[str, int]:
+    """The accumulated arrow as a part of the state, when it is asked for."""
     return {"reconstructed": e.space.arrow_size} if reconstruct else {}
 
 
-def _reconstruction(
+def reconstruction(
     e: SystemExpressions, state: ca.SX, layout: StateLayout, arrow: ca.SX
 ) -> ca.SX:
+    """The accumulated arrow after one more."""
     return e.continue_arrow(state[layout.slices["reconstructed"]], arrow)
 
 
@@ -200,8 +202,8 @@ def projected_program(
     mean of the two inverse metrics, which makes the choice of basis irrelevant. ``second`` must be
     the adjoint of ``first`` for the step to be self-adjoint.
     """
-    e, inputs = expressions, _Inputs(expressions)
-    parts = {"base": e.base_size, "after": e.rank, **_reconstructed_part(e, reconstruct)}
+    e, inputs = expressions, StepInputs(expressions)
+    parts = {"base": e.base_size, "after": e.rank, **reconstructed_part(e, reconstruct)}
     layout = StateLayout.of(parts, aliases={"before": "after"})
     state = ca.SX.sym("state", layout.size)
     x0, p0 = state[layout.slices["base"]], state[layout.slices["after"]]
@@ -212,7 +214,7 @@ def projected_program(
             e.retract(x0, step.outward.arrow),
             e.retract(step.outward.target, step.homeward.arrow),
         )
-        next_state = ca.vertcat(next_state, _reconstruction(e, state, layout, arrow))
+        next_state = ca.vertcat(next_state, reconstruction(e, state, layout, arrow))
     guess = e.velocity(x0, p0, inputs.theta)
     flights = (step.outward, step.homeward)
     return StepProgram(
@@ -245,7 +247,7 @@ class _ProjectedStep:
     def __init__(
         self,
         e: SystemExpressions,
-        inputs: _Inputs,
+        inputs: StepInputs,
         x0: ca.SX,
         p0: ca.SX,
         first: FreeFlight,

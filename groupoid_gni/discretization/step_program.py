@@ -18,7 +18,9 @@ class StateLayout:
     ``slices`` maps a part's name to its slice; ``size`` is the total length. The parts are
     ``base``, ``before`` and ``after`` (momenta at the node before and after the impact; one and the
     same slice for a projected step), and optionally ``impulses`` and ``parasitic`` (monitor of the
-    two-step methods) and ``reconstructed`` (the arrow accumulated in the loop).
+    two-step methods), ``momentum`` (of the node), ``leaving`` and ``on_arrow`` (velocity and
+    discrete constraint of the arrow that leaves; the Lagrange-d'Alembert method) and
+    ``reconstructed`` (the arrow accumulated in the loop).
     """
 
     slices: dict[str, slice]
@@ -36,7 +38,9 @@ class StateLayout:
         return cls(slices, start)
 
     def node(self, states: Any) -> tuple[Any, Any]:
-        """Base points and mean momenta of states (..., size)."""
+        """Base points and momenta of states (..., size): the mean where no other is laid out."""
+        if "momentum" in self.slices:
+            return states[..., self.slices["base"]], states[..., self.slices["momentum"]]
         before, after = states[..., self.slices["before"]], states[..., self.slices["after"]]
         return states[..., self.slices["base"]], 0.5 * (before + after)
 
@@ -77,6 +81,8 @@ class StepProgram:
     arrow_velocities : the xi of every flight of the step.
     guards : checked after every step.  finite : must be finite too, besides the next state.
     first_guess, first_carried : for the first step, from parameters and state only.
+    start : a program of the same layout whose one step completes a start of which only base,
+        momenta and pose are known; None where nothing is missing.
     """
 
     parameters: ca.SX
@@ -96,6 +102,7 @@ class StepProgram:
     layout: StateLayout
     guards: tuple[Guard, ...] = field(default=())
     finite: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    start: StepProgram | None = None
 
     @property
     def memory_size(self) -> int:

@@ -62,10 +62,13 @@ class Node:
         """Components ``C^-1 mu G^-1 (p - Pi)`` of ``Q* (p - Pi) = mu^T C^-1 mu G^-1 (p - Pi)``."""
         return solve_linear(self.gram, self.violation(p))
 
+    def along_rows(self, dp: ca.SX) -> ca.SX:
+        """Components ``C^-1 mu G^-1 dp`` of ``Q* dp = mu^T C^-1 mu G^-1 dp``."""
+        return solve_linear(self.gram, ca.mtimes(self.normal.T, dp))
+
     def reflect_change(self, dp: ca.SX) -> ca.SX:
         """The linear part ``(P* - Q*) dp`` of the reflection."""
-        impulse = solve_linear(self.gram, ca.mtimes(self.normal.T, dp))
-        return dp - ca.mtimes(self.mu.T, 2 * impulse)
+        return dp - ca.mtimes(self.mu.T, 2 * self.along_rows(dp))
 
     def reflect(self, p: ca.SX) -> ca.SX:
         """``R(p) = (P* - Q*) p + 2 Q* Pi``: the impact of equations (49) and (38), sign mended."""

@@ -41,7 +41,8 @@ def integrate(
     system, start : the system and a ``system.state(base, velocity)``.
     step : step size h; negative runs backwards.
     t_end or n_steps : one of the two; ``t_end`` must be a whole number of steps.
-    method : ``GNI()`` (default), a discrete Lagrangian such as ``Rattle()``, ``ReferenceFlow()``.
+    method : ``GNI()`` (default), a discrete Lagrangian such as ``Rattle()``,
+        ``DiscreteLagrangeDAlembert()``, ``ReferenceFlow()``.
     save_every : keep every n-th node (and the last).
     reconstruct : a pose W_0 (or True for the identity): accumulate ``W_{k+1} = W_k g_k`` in the
         loop and store it with the nodes.

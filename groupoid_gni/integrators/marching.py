@@ -6,7 +6,7 @@ import time
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import casadi as ca
@@ -19,13 +19,18 @@ from groupoid_gni.discretization import (
     DiscreteLagrangian,
     StepProgram,
     SystemExpressions,
+    lagrange_dalembert_program,
     projected_program,
     two_step_program,
 )
 from groupoid_gni.errors import InputError, ParasiticModeWarning
 from groupoid_gni.integrators.failure_report import constraint_rows_lost, failure_detail
 from groupoid_gni.integrators.interruption import interruptible
-from groupoid_gni.integrators.methods import GNI
+from groupoid_gni.integrators.methods import (
+    GNI,
+    DiscreteLagrangeDAlembert,
+    SteppingMethod,
+)
 from groupoid_gni.integrators.requests import check_memory
 from groupoid_gni.outcomes import Outcome
 from groupoid_gni.systems import MechanicalSystem, State
@@ -41,7 +46,7 @@ _BASE_TOLERANCE = 1e-6
 
 def compiled_step(
     system: MechanicalSystem,
-    method: DiscreteLagrangian | GNI,
+    method: SteppingMethod,
     active_rows: tuple[int, ...],
     reconstruct: bool = False,
     compile: bool = True,
@@ -60,13 +65,16 @@ def compiled_step(
 
 def machine_code(
     system: MechanicalSystem,
-    method: DiscreteLagrangian | GNI | None,
+    method: SteppingMethod | None,
     active_rows: tuple[int, ...] | None,
 ) -> MachineCode:
     """The compiled module of a method; ``GNI()`` and all constraint rows when left out."""
     method = GNI() if method is None else method
-    if not isinstance(method, (DiscreteLagrangian, GNI)):
-        raise InputError(f"method must be gni.GNI() or a discrete Lagrangian, not {method!r}")
+    if not isinstance(method, SteppingMethod):
+        raise InputError(
+            "method must be gni.GNI() or a discrete Lagrangian or "
+            f"gni.DiscreteLagrangeDAlembert(), not {method!r}"
+        )
     count = system.constraint_count
     rows = tuple(range(count)) if active_rows is None else tuple(active_rows)
     if not all(isinstance(row, int) and 0 <= row < count for row in rows):
@@ -76,13 +84,18 @@ def machine_code(
 
 def _program(
     system: MechanicalSystem,
-    method: DiscreteLagrangian | GNI,
+    method: SteppingMethod,
     active_rows: tuple[int, ...],
     reconstruct: bool,
 ) -> StepProgram:
     expressions = SystemExpressions(system, active_rows)
     if isinstance(method, DiscreteLagrangian):
         return two_step_program(expressions, method, reconstruct)
+    if isinstance(method, DiscreteLagrangeDAlembert):
+        rule = method.discrete_lagrangian
+        if not active_rows:
+            return two_step_program(expressions, rule, reconstruct)
+        return lagrange_dalembert_program(expressions, rule, method.constraint, reconstruct)
     first = method.flow.discrete_lagrangian
     return projected_program(expressions, first, first.adjoint(), reconstruct)
 
@@ -96,7 +109,7 @@ class _Request:
     h: float
     count: int
     every: int
-    method: DiscreteLagrangian | GNI
+    method: SteppingMethod
     runner: StepRunner
     parameters: FloatArray
     state: FloatArray
@@ -107,7 +120,7 @@ def run_steps(
     start: State,
     h: float,
     count: int,
-    method: DiscreteLagrangian | GNI,
+    method: SteppingMethod,
     every: int,
     pose: FloatArray | None,
     compile: bool,
@@ -167,7 +180,9 @@ def _initial_state(
     state = np.zeros(layout.size)
     state[layout.slices["base"]] = start.base
     half = np.zeros_like(start.momentum)
-    if layout.slices["before"] != layout.slices["after"]:
+    if "momentum" in layout.slices:
+        state[layout.slices["momentum"]] = start.momentum
+    elif layout.slices["before"] != layout.slices["after"]:
         half = 0.5 * h * node["force"]
         m = len(node["multipliers"])
         if m:
@@ -185,7 +200,10 @@ Chunks = list[tuple[Progress, FloatArray]]
 
 def _march(request: _Request, show: bool) -> tuple[Chunks, Outcome, str, int]:
     """Run chunk by chunk until the end, a failure or Ctrl-C; nothing finished is ever lost."""
-    chunks: Chunks = [(request.runner.begin(request.parameters, request.state), np.empty((0, 0)))]
+    begin, outcome = _begin(request)
+    chunks: Chunks = [(begin, np.empty((0, 0)))]
+    if outcome is not Outcome.SUCCESS:
+        return chunks, outcome, _detail(request, begin), 0
     rescued, size = 0, _FIRST_CHUNK
     try:
         with interruptible() as check, progress_bar(request.count, show) as advance_bar:
@@ -212,6 +230,20 @@ def _march(request: _Request, show: bool) -> tuple[Chunks, Outcome, str, int]:
         detail = f"Stopped after step {done} of {request.count}."
         return chunks, Outcome.INTERRUPTED, detail, rescued
     return chunks, Outcome.SUCCESS, "", rescued
+
+
+def _begin(request: _Request) -> tuple[Progress, Outcome]:
+    """Progress at step 0; a start that is not complete is completed by its own program."""
+    runner, outcome = request.runner, Outcome.SUCCESS
+    state = request.state
+    if runner.starting is not None:
+        first = replace(request, runner=runner.starting, count=1, every=1)
+        chunks: Chunks = [(first.runner.begin(request.parameters, state), np.empty((0, 0)))]
+        outcome = _append_chunk(first, chunks, chunks[-1][0], 1)
+        if outcome is not Outcome.SUCCESS:
+            outcome = _try_again(first, chunks)
+        state = chunks[-1][0].state
+    return runner.begin(request.parameters, state), outcome
 
 
 def _append_chunk(request: _Request, chunks: Chunks, begin: Progress, size: int) -> Outcome:

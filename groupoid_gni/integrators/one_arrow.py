@@ -1,4 +1,4 @@
-"""Equation (49) itself, for one arrow."""
+"""Equation (49) itself, for one arrow; and the equations of [28] likewise."""
 
 from __future__ import annotations
 
@@ -7,8 +7,14 @@ from typing import Any
 import numpy as np
 
 from groupoid_gni.array_types import ArrayLike, FloatArray
-from groupoid_gni.discretization import DiscreteLagrangian, SystemExpressions, next_arrow_function
+from groupoid_gni.discretization import (
+    DiscreteLagrangian,
+    SystemExpressions,
+    lagrange_dalembert_function,
+    next_arrow_function,
+)
 from groupoid_gni.errors import InputError, StepFailure
+from groupoid_gni.integrators.methods import DiscreteLagrangeDAlembert
 from groupoid_gni.integrators.requests import checked_step
 from groupoid_gni.outcomes import Outcome
 from groupoid_gni.systems import MechanicalSystem, real_array
@@ -19,13 +25,15 @@ _ITERATIONS = 50
 
 def next_arrow(
     system: MechanicalSystem,
-    discrete_lagrangian: DiscreteLagrangian,
+    method: DiscreteLagrangian | DiscreteLagrangeDAlembert,
     arrow: ArrayLike,
     *,
     step: float,
 ) -> FloatArray:
     """The arrow h after g: ``FL-(h) = (P* - Q*) FL+(g) + 2 Q* Pi`` at ``alpha(h) = beta(g)``.
 
+    method : a discrete Lagrangian; or ``DiscreteLagrangeDAlembert(...)``, whose h lies in M_c with
+        ``FL-(h) = FL+(g) + mu^T impulse``.
     arrow : (arrow_size,), the last arrow g.  step : the step size in L_d.
     Returns (arrow_size,).  Equations (49) and (38), the sign of the affine term mended.
     Raises InputError for an arrow of the wrong shape, not finite or off its group, StepFailure when
@@ -34,8 +42,11 @@ def next_arrow(
     if not isinstance(system, MechanicalSystem):
         raise InputError(f"system must be a MechanicalSystem, not {type(system).__name__}")
     space = system.space
-    if not isinstance(discrete_lagrangian, DiscreteLagrangian):
-        raise InputError(f"expected a discrete Lagrangian, got {discrete_lagrangian!r}")
+    if not isinstance(method, (DiscreteLagrangian, DiscreteLagrangeDAlembert)):
+        raise InputError(
+            "expected a discrete Lagrangian or gni.DiscreteLagrangeDAlembert(...), got "
+            f"{method!r}"
+        )
     h = checked_step(step)
     g = real_array("arrow", arrow)
     if g.shape != (space.arrow_size,) or not np.all(np.isfinite(g)):
@@ -48,18 +59,25 @@ def next_arrow(
     xi = np.asarray(space.lift(g), dtype=float) / h
     x1 = np.asarray(space.target(g), dtype=float)
     rows = system.independent_rows(x1)
-    function = _function(system, discrete_lagrangian, rows)
-    q, velocity = _solve(function, (x0, xi, h, system.parameter_vector))
-    return np.asarray(space.retract(q, h * velocity), dtype=float)
+    function = _function(system, method, rows)
+    q, unknowns = _solve(function, (x0, xi, h, system.parameter_vector))
+    return np.asarray(space.retract(q, h * unknowns[: space.rank]), dtype=float)
 
 
 def _function(
-    system: MechanicalSystem, discrete: DiscreteLagrangian, rows: tuple[int, ...]
+    system: MechanicalSystem,
+    method: DiscreteLagrangian | DiscreteLagrangeDAlembert,
+    rows: tuple[int, ...],
 ) -> Any:
-    key = ("next_arrow", discrete, rows)
+    key = ("next_arrow", method, rows)
     if key not in system._compiled:
         expressions = SystemExpressions(system, rows)
-        system._compiled[key] = next_arrow_function(expressions, discrete)
+        if isinstance(method, DiscreteLagrangian):
+            made = next_arrow_function(expressions, method)
+        else:
+            rule = method.discrete_lagrangian
+            made = lagrange_dalembert_function(expressions, rule, method.constraint)
+        system._compiled[key] = made
     return system._compiled[key]
 
 

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from groupoid_gni.array_types import ArrayLike, FloatArray
-from groupoid_gni.discretization import DiscreteLagrangian
 from groupoid_gni.errors import InputError
-from groupoid_gni.integrators.methods import GNI, Method, ReferenceFlow
+from groupoid_gni.integrators.methods import GNI, Method
 from groupoid_gni.systems import MechanicalSystem, State
 from groupoid_gni.trajectory import starting_arrow
 
@@ -24,7 +23,7 @@ def checked_method(method: Method | None) -> Method:
     if isinstance(method, type):
         raise InputError(f"method is the class {method.__name__}; pass an instance of it: "
                          f"{method.__name__}()")
-    if not isinstance(method, (DiscreteLagrangian, GNI, ReferenceFlow)):
+    if not isinstance(method, Method):
         raise InputError(
             f"method must be a value such as gni.GNI(), gni.Rattle() or gni.ReferenceFlow(), "
             f"not {method!r}"

@@ -63,6 +63,9 @@ def cases() -> dict[str, tuple[StepProgram, Any, Any, Any]]:
     made["ball, projected"] = _starts(ball.system, gni.GNI(), ball.start, 0.05)
     made["ball, two-step"] = _starts(ball.system, gni.Rattle(), ball.start, 0.05)
     sleigh = gni.scenes.chaplygin_sleigh(1.3, 0.8, 0.35)
+    made["ball, arrow to arrow"] = _starts(
+        ball.system, gni.DiscreteLagrangeDAlembert(), ball.start, 0.05
+    )
     made["sleigh, two-step"] = _starts(sleigh.system, gni.Midpoint(), sleigh.start, 0.1)
     a = zoo.animal("SE3 left exp", 2, affine=True)
     made["SE(3) with sines"] = _starts(a.system, gni.GNI(), a.start, 0.05)
@@ -89,8 +92,10 @@ def _starts(
         one = np.concatenate([theta, [h * (1 + 0.1 * lane)], np.ones(m)])
         state = np.zeros(layout.size)
         state[layout.slices["base"]] = start.base * (0.6**lane if still else 1.0)
-        for part in ("before", "after"):
+        for part in {"before", "after", "momentum"} & set(layout.slices):
             state[layout.slices[part]] = start.momentum * (0.0 if still else 1 - 0.11 * lane)
+        if runner.starting is not None:
+            state = runner.starting.advance(one, runner.starting.begin(one, state), 1, 1)[0].state
         parameters.append(one)
         states.append(state)
         memories.append(runner.begin(one, state).memory)
@@ -102,8 +107,8 @@ FUSED = [False, True] if machine_has_fused_products() else [False]
 
 @pytest.mark.parametrize("fused", FUSED)
 @pytest.mark.parametrize("lanes", [4, 8])
-@pytest.mark.parametrize("case", ["ball, projected", "ball, two-step", "sleigh, two-step",
-                                  "SE(3) with sines"])
+@pytest.mark.parametrize("case", ["ball, projected", "ball, two-step", "ball, arrow to arrow",
+                                  "sleigh, two-step", "SE(3) with sines"])
 def test_every_lane_computes_the_bits_it_computes_alone(case: str, lanes: int, fused: bool) -> None:
     _, *starts = cases()[case]
     together = kernel(case, lanes, fused)(*(v[:, :lanes] for v in starts), 300)
