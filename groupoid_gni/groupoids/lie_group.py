@@ -193,6 +193,9 @@ class LieGroup(LieGroupoid):
             columns.append(self.flatten(moved))
         return np.stack(columns, axis=-1)
 
+    largest_angle: float = matrix_functions.LARGEST_ANGLE
+    """Rotation angle up to which ``log`` inverts ``exp``; pi where there is a closed form."""
+
     def rotation_size(self, xi: Array) -> Array:
         """Give a bound of the largest rotation angle in exp(xi), |hat(xi)|_F / sqrt 2."""
         return np.sqrt((self.hat(xi) ** 2).sum(axis=(-2, -1)) / 2)

@@ -16,6 +16,9 @@ _LOG_HALVINGS = (8, 5, 4)
 _LOG_TERMS = 12
 _DEXP_DOUBLINGS = 3
 
+LARGEST_ANGLE = 3.0
+"""Rotation angle up to which ``logarithm`` holds; at pi its matrix 1 + g is singular."""
+
 # B_2k / (2k)! * 4^k, the series of w coth(w) in powers of w^2.
 _COTH_SERIES = (
     1.0, 1 / 3, -1 / 45, 2 / 945, -1 / 4725, 2 / 93555, -1382 / 638512875, 4 / 18243225,

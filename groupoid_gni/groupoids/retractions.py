@@ -83,7 +83,10 @@ def _recorded_dtau_inverse(retraction: Retraction, group: LieGroup) -> Callable[
 
 @dataclass(frozen=True)
 class Exponential(Retraction):
-    """The exponential map, choice (a) of the appendix; reach 1 is a rotation by pi."""
+    """The exponential map, choice (a) of the appendix.
+
+    Reach 1 is the largest rotation whose logarithm the group knows: pi, or 3 by the general one.
+    """
 
     def tau(self, group: LieGroup, xi: Array) -> Array:
         """Give exp(xi)."""
@@ -106,8 +109,8 @@ class Exponential(Retraction):
         return xi / 2
 
     def reach(self, group: LieGroup, xi: Array) -> Array:
-        """Give the rotation angle of xi over pi."""
-        return group.rotation_size(xi) / pi
+        """Give the rotation angle of xi over the largest one of the group."""
+        return group.rotation_size(xi) / group.largest_angle
 
 
 @dataclass(frozen=True)

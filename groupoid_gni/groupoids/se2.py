@@ -5,6 +5,8 @@ Algebra components (w, v1, v2): rotation first. J = [[0, -1], [1, 0]].
 
 from __future__ import annotations
 
+from math import pi
+
 import numpy as np
 
 from groupoid_gni.array_types import Array
@@ -69,6 +71,8 @@ class SE2(RigidMotionGroup):
         """Give [[R^T, -R^T t], [0, 1]]."""
         c, s, x, y = _cos_sin_shift(element)
         return _motion(c, -s, -(c * x + s * y), s * x - c * y)
+
+    largest_angle = pi
 
     def rotation_size(self, xi: Array) -> Array:
         """Give |w|."""

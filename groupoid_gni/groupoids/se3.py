@@ -5,6 +5,8 @@ Algebra components (w, v): rotation first. Closed forms exact at 0 and near pi.
 
 from __future__ import annotations
 
+from math import pi
+
 import numpy as np
 
 from groupoid_gni.array_types import Array
@@ -82,6 +84,8 @@ class SE3(RigidMotionGroup):
         """Give [[R, 0], [t^ R, R]]."""
         rotation, translation = parts(element)
         return block_lower_triangular(rotation, cross_matrix(translation) @ rotation, rotation)
+
+    largest_angle = pi
 
     def rotation_size(self, xi: Array) -> Array:
         """Give |w|."""

@@ -5,6 +5,8 @@ The algebra is one angle; commutative, so dtau is a scalar.
 
 from __future__ import annotations
 
+from math import pi
+
 import numpy as np
 
 from groupoid_gni.array_types import Array
@@ -54,6 +56,8 @@ class SO2(RotationGroup):
         c, s = first[..., 0, 0], first[..., 1, 0]
         d, t = second[..., 0, 0], second[..., 1, 0]
         return _rotation(c * d - s * t, s * d + c * t)
+
+    largest_angle = pi
 
     def rotation_size(self, xi: Array) -> Array:
         """Give |angle|."""

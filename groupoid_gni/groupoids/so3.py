@@ -5,6 +5,8 @@ Appendix of the paper: cay, dcay and dcay^{-1} on SO(3); equation (39) for hat.
 
 from __future__ import annotations
 
+from math import pi
+
 import numpy as np
 
 from groupoid_gni.array_types import Array
@@ -55,6 +57,8 @@ class SO3(RotationGroup):
     def Ad(self, element: Array) -> Array:
         """Give R itself."""
         return element
+
+    largest_angle = pi
 
     def rotation_size(self, xi: Array) -> Array:
         """Give |w|."""

@@ -6,6 +6,7 @@ Elements and algebra vectors are both vectors (..., n); every retraction is the 
 from __future__ import annotations
 
 from functools import cached_property
+from math import pi
 
 import numpy as np
 
@@ -72,6 +73,8 @@ class VectorGroup(LieGroup):
     def translated_basis(self, element: Array) -> Array:
         """Give the identity matrix, shape (..., n, n)."""
         return self._one(element)
+
+    largest_angle = pi
 
     def rotation_size(self, xi: Array) -> Array:
         """Give zero: nothing turns."""
