@@ -41,6 +41,7 @@ from matplotlib.figure import Figure
 
 import groupoid_gni as gni
 from groupoid_gni.plotting import plot_constraints, plot_energy, style
+from groupoid_gni.verification import check_groupoid, check_retraction
 
 STEP, T_END = 0.02, 40.0
 NO_LIFT = 1e6  # components of no arrow
@@ -223,13 +224,30 @@ class BodyFrame(TurnOnTheWrongSide):
 
 
 def broken_copies() -> dict[str, gni.LieGroupoid]:
-    """Wrong groupoids by the law they break, for the law checks to find."""
+    """Wrong groupoids by the law that names the mistake."""
     return {
-        "unit": UnalignedProduct(),
-        "inverse": UnswappedInverse(),
-        "lift": TurnOnTheWrongSide(),
+        "right_unit": UnalignedProduct(),
+        "ends_of_inverse": UnswappedInverse(),
+        "lift_undoes_retraction": TurnOnTheWrongSide(),
         "symmetry": BodyFrame(),
     }
+
+
+def verify(examples: int = 20) -> dict[str, list[str]]:
+    """All laws on the sound groupoid, then what they say of the broken ones, by class name."""
+    for check in (check_groupoid, check_retraction):
+        report = check(HopfGaugeGroupoid(), examples=examples)
+        print(f"{report.subject}: {report.headline()}")
+    broken = {}
+    for law, groupoid in broken_copies().items():
+        reports = [
+            check(groupoid, examples=examples, on_fail="return")
+            for check in (check_groupoid, check_retraction)
+        ]
+        failures = {found.law.name: found for report in reports for found in report.failures}
+        broken[type(groupoid).__name__] = list(failures)
+        print(f"\n{failures[law].explain(type(groupoid).__name__)}")
+    return broken
 
 
 # The runs and the picture.
@@ -332,7 +350,8 @@ def main(target: str | Path = "output/hopf_gauge_groupoid.png") -> dict[str, flo
     target = Path(target)
     target.parent.mkdir(parents=True, exist_ok=True)
     draw(runs, oracle).savefig(target)
-    print(f"Figure written to {target}")
+    print(f"Figure written to {target}\n")
+    verify()
     return numbers
 
 

@@ -1,8 +1,9 @@
-"""Pictures of trajectories. The only room that imports matplotlib.
+"""Pictures of trajectories and laws. The only room that imports matplotlib.
 
-Takes Trajectories, gives axes and figures; shows and writes nothing.
+Takes Trajectories and arrays, gives axes and figures; shows and writes nothing.
 """
 
+from groupoid_gni.plotting.law_figure import plot_laws
 from groupoid_gni.plotting.panels import (
     plot_constraints,
     plot_energy,
@@ -15,6 +16,7 @@ from groupoid_gni.plotting.trajectory_figure import plot_trajectory
 __all__ = [
     "plot_constraints",
     "plot_energy",
+    "plot_laws",
     "plot_path",
     "plot_trajectory",
     "plot_velocities",

@@ -33,10 +33,10 @@ class Gap:
 
 def gap(left: ArrayLike, right: ArrayLike, scale: float | None = None) -> Gap:
     """The gap between two sides; the scale is 1 plus the larger side when left out."""
-    sides = [np.array(side, dtype=np.float64) for side in (left, right)]
+    one, other = np.array(left, dtype=np.float64), np.array(right, dtype=np.float64)
     if scale is None:
-        scale = 1.0 + max(float(np.max(np.abs(side), initial=0.0)) for side in sides)
-    return Gap(*sides, scale)
+        scale = 1.0 + max(float(np.max(np.abs(side), initial=0.0)) for side in (one, other))
+    return Gap(one, other, scale)
 
 
 def holds(truth: bool) -> Gap:
@@ -49,12 +49,14 @@ def arrow_gap(space: LieGroupoid, g: Array, h: Array) -> Gap:
 
     They may be classes with many coordinates, so coordinates are not compared.
     """
-    ends = [np.concatenate([space.source(arrow), space.target(arrow)]) for arrow in (g, h)]
-    if gap(*ends).residual > 1e-9:
-        return gap(*ends)
+    ends_g = np.concatenate([space.source(g), space.target(g)])
+    ends_h = np.concatenate([space.source(h), space.target(h)])
+    apart = gap(ends_g, ends_h)
+    if apart.residual > 1e-9:
+        return apart
     between = space.lift(space.multiply(space.inverse(g), h))
     return gap(
-        np.concatenate([ends[0], between]), np.concatenate([ends[1], np.zeros_like(between)])
+        np.concatenate([ends_g, between]), np.concatenate([ends_h, np.zeros_like(between)])
     )
 
 

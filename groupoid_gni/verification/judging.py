@@ -35,8 +35,7 @@ def check_laws(
     """
     laws = list(laws)
     expected = _checked_expectations(expected_failures, laws)
-    if on_fail not in ("raise", "warn", "return"):
-        raise InputError(f'on_fail must be "raise", "warn" or "return", not {on_fail!r}')
+    require_on_fail(on_fail)
     count = hypothesis.settings().max_examples if examples is None else examples
     if isinstance(count, bool) or not isinstance(count, int) or count < 1:
         raise InputError(f"examples must be a whole number from 1 on, not {examples!r}")
@@ -52,11 +51,18 @@ def check_laws(
         for law in laws
     )
     report = LawReport(name, findings)
-    _speak(report, on_fail)
+    speak(report, on_fail)
     return report
 
 
-def _speak(report: LawReport, on_fail: OnFail) -> None:
+def require_on_fail(on_fail: str) -> None:
+    """Refuse anything but the three choices."""
+    if on_fail not in ("raise", "warn", "return"):
+        raise InputError(f'on_fail must be "raise", "warn" or "return", not {on_fail!r}')
+
+
+def speak(report: LawReport, on_fail: OnFail) -> None:
+    """Raise, warn or be silent; called by what a check calls, so that warnings name its caller."""
     if report.failures and on_fail == "raise":
         raise BrokenLawError(f"\n{report}", report)
     if report.failures and on_fail == "warn":

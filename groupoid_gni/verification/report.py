@@ -173,13 +173,21 @@ class LawReport:
             (
                 f.law.name,
                 f.verdict.value,
-                "" if f.worst is None else f"{f.worst:.1e}",
-                "" if f.worst is None else f"{f.law.tolerance:.0e}",
-                "" if f.worst is None else str(f.evaluations),
+                f"{f.worst:.1e}",
+                f"{f.law.tolerance:.0e}",
+                str(f.evaluations),
                 f.note or f.law.statement,
             )
             for f in self.findings
+            if f.verdict is not Verdict.NOT_APPLICABLE
         ]
+
+    def _left_out(self) -> list[str]:
+        """A line per reason, with the laws that do not apply for it."""
+        reasons: dict[str, list[str]] = {}
+        for found in self.having(Verdict.NOT_APPLICABLE):
+            reasons.setdefault(found.note, []).append(found.law.name)
+        return [f"does not apply, {why}: {', '.join(names)}" for why, names in reasons.items()]
 
     def _table(self) -> str:
         rows = [("law", "verdict", "worst", "allowed", "tried", "statement"), *self._rows()]
@@ -189,7 +197,7 @@ class LawReport:
             cells = [row[0].ljust(widths[0]), row[1].ljust(widths[1])]
             cells += [row[i].rjust(widths[i]) for i in (2, 3, 4)]
             lines.append("  ".join([*cells, row[5]]).rstrip())
-        return "\n".join(lines)
+        return "\n".join([*lines, *self._left_out()])
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, strings and lists, ready for JSON."""
@@ -209,9 +217,10 @@ class LawReport:
             "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"
             for row in self._rows()
         )
+        left_out = "".join(f"<p>{html.escape(line)}</p>" for line in self._left_out())
         failed = f"<pre>{html.escape(self.explain())}</pre>" if self.explain() else ""
         title = html.escape(f"{self.subject}: {self.headline()}")
-        return f"<p><b>{title}</b></p><table><tr>{head}</tr>{body}</table>{failed}"
+        return f"<p><b>{title}</b></p><table><tr>{head}</tr>{body}</table>{left_out}{failed}"
 
 
 def merged(reports: Mapping[str, LawReport]) -> dict[str, dict[str, Finding]]:

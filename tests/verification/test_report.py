@@ -36,7 +36,11 @@ def test_text(sound: LawReport, broken: LawReport) -> None:
     assert lines[0].startswith("PairGroupoid(2): ")
     assert "laws hold" in lines[0]
     assert lines[2].split() == ["law", "verdict", "worst", "allowed", "tried", "statement"]
-    assert len(lines) == 3 + len(sound.findings)
+    tried = [f for f in sound.findings if f.verdict is not Verdict.NOT_APPLICABLE]
+    assert all(f.evaluations for f in tried)
+    table = [line for line in lines[3:] if not line.startswith("does not apply")]
+    assert [line.split()[0] for line in table] == [f.law.name for f in tried]
+    assert any("it is no LieGroup: product_order, " in line for line in lines)
     text = str(broken)
     assert "target_of_identity fails for" in text
     assert "beta(epsilon(x)) = x" in text
@@ -56,7 +60,9 @@ def test_dict_is_plain_json(broken: LawReport) -> None:
 
 def test_html_escapes(broken: LawReport) -> None:
     text = broken._repr_html_()
-    assert text.count("<tr>") == 1 + len(broken.findings)
+    tried = [f for f in broken.findings if f.verdict is not Verdict.NOT_APPLICABLE]
+    assert text.count("<tr>") == 1 + len(tried)
+    assert text.count("<p>does not apply") >= 1
     assert "&gt;" in text or "&#x27;" in text
     assert "<pre>" in text
     assert "<pre>" not in check_groupoid(gni.SO2(), examples=3)._repr_html_()

@@ -63,7 +63,7 @@ def test_a_failure_is_made_small() -> None:
 
 
 def test_rare_failures_are_found_with_more_examples() -> None:
-    report = check(lambda x: np.where(np.abs(x) > 9.9, 0, x), rule(identity_law), examples=2000)
+    report = check(lambda x: np.where(np.abs(x) > 9.7, 0, x), rule(identity_law), examples=500)
     assert not report.passed
 
 

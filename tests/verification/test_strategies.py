@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,7 @@ def test_chains_are_composable(name: str) -> None:
     @given(verification.composable_pairs(space), verification.composable_triples(space))
     def meet(pair: Any, triple: Any) -> None:
         for chain in (pair, triple):
-            for g, h in zip(chain, chain[1:], strict=False):
+            for g, h in pairwise(chain):
                 space.multiply(g, h)
 
     meet()

@@ -1,0 +1,148 @@
+"""Everything the library ships, with awkward numbers, ready to be checked.
+
+Each object has variants (sides, retractions, scenes); a table shows the worst of them.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from groupoid_gni import scenes
+from groupoid_gni.discretization import EulerA, EulerB, Midpoint, Rattle
+from groupoid_gni.groupoids import (
+    SE2,
+    SE3,
+    SO2,
+    SO3,
+    ActionGroupoid,
+    AtiyahGroupoid,
+    Cayley,
+    DerivedGroupoid,
+    Exponential,
+    FramedPairGroupoid,
+    LieGroup,
+    LieGroupoid,
+    MatrixGroup,
+    PairGroupoid,
+    ProductGroupoid,
+    QuadraticGroup,
+    VectorGroup,
+)
+from groupoid_gni.integrators import GNI, Method, Variational
+from groupoid_gni.scenes import Scene
+from groupoid_gni.systems import MechanicalSystem
+from groupoid_gni.verification.method_view import Section
+
+Variants = dict[str, Any]
+
+_DIRECTION = np.array([0.48, 0.6, 0.64])
+_LORENTZ = np.diag([-1.0, 1.0, 1.0])
+_SPECIAL_LINEAR = [[[1, 0], [0, -1]], [[0, 1], [0, 0]], [[0, 0], [1, 0]]]
+
+
+def _turned_back(q: Any, rotation: Any) -> Any:
+    return (q[..., None, :] @ rotation)[..., 0, :]
+
+
+def _turned(q: Any, rotation: Any) -> Any:
+    return (rotation @ q[..., None])[..., 0]
+
+
+def groups() -> dict[str, dict[str, LieGroup]]:
+    """Every Lie group on both sides with both retractions."""
+    made: dict[str, dict[str, LieGroup]] = {}
+    for side in ("left", "right"):
+        for tau in (Cayley(), Exponential()):
+            options: dict[str, Any] = {"side": side, "retraction": tau}
+            name = f"{side}, {type(tau).__name__}"
+            for label, group in {
+                "R^3": VectorGroup(3, **options),
+                "SO(2)": SO2(**options),
+                "SO(3)": SO3(**options),
+                "SE(2)": SE2(**options),
+                "SE(3)": SE3(**options),
+                "SO(4)": QuadraticGroup(np.eye(4), **options),
+                "SO(1,2)": QuadraticGroup(_LORENTZ, **options),
+            }.items():
+                made.setdefault(label, {})[name] = group
+        special = MatrixGroup(_SPECIAL_LINEAR, side=side, retraction=Exponential())
+        made.setdefault("SL(2)", {})[f"{side}, Exponential"] = special
+    return made
+
+
+def groupoids() -> dict[str, dict[str, LieGroupoid]]:
+    """Every groupoid that is not a group, and one with its closed forms forgotten."""
+    exponential = Exponential()
+    right = SO3(side="right")
+    return {
+        "pair": {"R^1": PairGroupoid(1), "R^3": PairGroupoid(3)},
+        "Atiyah": {
+            "R^2, SO(3) right": AtiyahGroupoid(2, right),
+            "R^1, SE(2) exp": AtiyahGroupoid(1, SE2(retraction=exponential)),
+        },
+        "product": {
+            "framed, pair, group": ProductGroupoid(
+                FramedPairGroupoid(SE2()), PairGroupoid(1), SE3(side="right")
+            ),
+        },
+        "framed pair": {
+            "R^2 x SO(3)": FramedPairGroupoid(VectorGroup(2), SO3()),
+            "SO(3) right, exp": FramedPairGroupoid(SO3(side="right", retraction=exponential)),
+        },
+        "action": {
+            "left": ActionGroupoid(SO3(), _turned_back, _DIRECTION),
+            "right, exp": ActionGroupoid(
+                SO3(side="right", retraction=exponential), _turned, _DIRECTION
+            ),
+        },
+        "derived": {"action": DerivedGroupoid(ActionGroupoid(SO3(), _turned_back, _DIRECTION))},
+    }
+
+
+def shipped_scenes() -> dict[str, Scene]:
+    """The scenes, with numbers that are nowhere one."""
+    return {
+        "particle": scenes.constrained_particle(1.3, 0.8, 1.7),
+        "Suslov": scenes.suslov(),
+        "sleigh": scenes.chaplygin_sleigh(1.3, 0.6, 0.4, spin=1.1, speed=-0.7),
+        "Veselova": scenes.veselova(weight=(0.1, -0.2, 0.7)),
+        "rolling ball": scenes.rolling_ball(1.3, 0.8, 0.45, 0.9),
+        "inhomogeneous ball": scenes.inhomogeneous_ball(
+            1.7, 0.8, np.array([0.9, 0.5, 0.7]), 0.9, (0.7, -0.2), (0.3, 0.6), vertical_spin=0.4
+        ),
+        "robot": scenes.two_wheeled_robot(detent=0.4),
+    }
+
+
+def systems_for_methods() -> dict[str, tuple[MechanicalSystem, tuple[Section, ...]]]:
+    """What methods run on, with symmetries: the scenes, and two that keep an energy exactly."""
+    spins: dict[str, tuple[Section, ...]] = {
+        "rolling ball": (lambda x: np.array([0.0, 0.0, 0.0, 0.0, 1.0]),)
+    }
+    made = {name: (scene.system, spins.get(name, ())) for name, scene in shipped_scenes().items()}
+    sphere = MechanicalSystem(
+        SO3(side="right"), metric=1.37 * np.eye(3), constraints=[[0.4, -0.9, 2.1]]
+    )
+    well = np.array([[1.1, 0.3, -0.2], [0.3, 1.7, 0.4], [-0.2, 0.4, 0.8]])
+    springs = MechanicalSystem(
+        PairGroupoid(3),
+        metric=[[1.3, 0.2, 0.0], [0.2, 0.9, 0.1], [0.0, 0.1, 1.6]],
+        potential=lambda x, p: 0.5 * x @ well @ x,
+        constraints=lambda x, p: np.array([[-x[1], 0.3 * x[2], 1.0]]),
+    )
+    return {**made, "sphere, any D": (sphere, ()), "springs, any D": (springs, ())}
+
+
+def methods() -> dict[str, Method]:
+    """Every method with a discrete Lagrangian."""
+    return {
+        "Euler A": EulerA(),
+        "Euler B": EulerB(),
+        "RATTLE": Rattle(),
+        "midpoint": Midpoint(),
+        "GNI": GNI(),
+        "GNI, RATTLE": GNI(flow=Variational(Rattle())),
+        "GNI, midpoint": GNI(flow=Variational(Midpoint())),
+    }
