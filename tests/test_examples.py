@@ -17,7 +17,8 @@ def load(name):
 
 def test_every_example_is_tested_here():
     assert {p.stem for p in EXAMPLES.glob("*.py")} == {
-        "chaplygin_sleigh", "hopf_gauge_groupoid", "rolling_sphere", "six_systems",
+        "chaplygin_sleigh", "figures_of_the_paper", "hopf_gauge_groupoid", "rolling_sphere",
+        "six_systems",
     }  # fmt: skip
 
 
@@ -54,3 +55,14 @@ def test_six_systems_follow_their_exact_or_reference_motions(tmp_path, capsys):
     assert max(errors.values()) < 1e-3
     assert (tmp_path / "six.png").stat().st_size > 100_000
     assert "heading left out" in capsys.readouterr().out
+
+
+def test_figures_of_the_paper_have_their_slopes_and_files(tmp_path, capsys):
+    numbers = load("figures_of_the_paper").main(tmp_path / "new folder", quick=True)
+    assert len(numbers) == 5
+    slope = numbers["paper_figure_1"]["GNI: slope of (x, y)"]
+    assert slope == pytest.approx(2.0, abs=0.02)
+    for name in numbers:
+        assert (tmp_path / "new folder" / f"{name}.png").stat().st_size > 10_000
+        assert (tmp_path / "new folder" / f"{name}.npz").stat().st_size > 1_000
+    assert "order-one consistent" in capsys.readouterr().out

@@ -6,6 +6,7 @@ Takes physical numbers, gives a Scene.
 from groupoid_gni.scenes.chaplygin_sleigh import chaplygin_sleigh
 from groupoid_gni.scenes.constrained_particle import constrained_particle
 from groupoid_gni.scenes.inhomogeneous_ball import inhomogeneous_ball
+from groupoid_gni.scenes.inhomogeneous_ball_in_a_chart import inhomogeneous_ball_in_a_chart
 from groupoid_gni.scenes.rolling_ball import rolling_ball
 from groupoid_gni.scenes.scene import Scene
 from groupoid_gni.scenes.suslov import suslov
@@ -17,6 +18,7 @@ __all__ = [
     "chaplygin_sleigh",
     "constrained_particle",
     "inhomogeneous_ball",
+    "inhomogeneous_ball_in_a_chart",
     "rolling_ball",
     "suslov",
     "two_wheeled_robot",
