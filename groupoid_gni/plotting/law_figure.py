@@ -30,18 +30,19 @@ def plot_laws(panels: Mapping[str, Panel]) -> Any:
         figure = Figure(figsize=(0.215 * sum(widths), 2.2 + 0.165 * longest), layout="constrained")
         FigureCanvasAgg(figure)
         grid = figure.subplots(1, len(panels), width_ratios=widths, squeeze=False)[0]
-        image = None
-        for axes, (title, panel) in zip(grid, panels.items(), strict=True):
-            image = _draw(axes, panel, longest)
-            axes.set_title(title)
-        bar = figure.colorbar(image, ax=list(grid), location="bottom", shrink=0.35, aspect=40)
+        images = [
+            _draw(axes, title, panel, longest)
+            for axes, (title, panel) in zip(grid, panels.items(), strict=True)
+        ]
+        bar = figure.colorbar(images[-1], ax=list(grid), location="bottom", shrink=0.35, aspect=40)
         bar.ax.set_xlim(-_DECADES, 1.0)
         bar.set_label("worst residual over allowed residual, powers of ten (grey: does not apply)")
         return figure
 
 
-def _draw(axes: Any, panel: Panel, longest: int) -> Any:
+def _draw(axes: Any, title: str, panel: Panel, longest: int) -> Any:
     laws, objects, ratios = panel
+    axes.set_title(title)
     with np.errstate(divide="ignore"):
         decades = np.clip(np.log10(ratios), -_DECADES, 1.0)
     image = axes.imshow(

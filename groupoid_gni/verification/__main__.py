@@ -11,6 +11,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -34,12 +35,12 @@ def tables(examples: int, seed: int | None, say: Callable[[str], None]) -> dict[
     """All findings, by chapter; examples : samples per law and variant."""
     options: dict[str, Any] = {"examples": examples, "seed": seed, "on_fail": "return"}
     spaces: dict[str, Mapping[str, Any]] = {**catalogue.groups(), **catalogue.groupoids()}
-    scenes = {name: scene.system for name, scene in catalogue.shipped_scenes().items()}
+    systems = catalogue.systems_for_methods()
 
     def on_systems(method: Any) -> dict[str, LawReport]:
         return {
             name: check_method(method, system, symmetries=symmetries, **options)
-            for name, (system, symmetries) in catalogue.systems_for_methods().items()
+            for name, (system, symmetries) in systems.items()
         }
 
     def on_variants(check: Callable[..., LawReport], variants: Any) -> dict[str, LawReport]:
@@ -47,19 +48,19 @@ def tables(examples: int, seed: int | None, say: Callable[[str], None]) -> dict[
 
     chapters: dict[str, dict[str, Callable[[], dict[str, LawReport]]]] = {
         "Groupoids": {
-            name: lambda variants=variants: on_variants(check_groupoid, variants)
+            name: partial(on_variants, check_groupoid, variants)
             for name, variants in spaces.items()
         },
         "Retractions": {
-            name: lambda variants=variants: on_variants(check_retraction, variants)
+            name: partial(on_variants, check_retraction, variants)
             for name, variants in spaces.items()
         },
-        "Scenes": {
-            name: lambda system=system: {"": check_system(system, **options)}
-            for name, system in scenes.items()
+        "Systems": {
+            name: partial(on_variants, check_system, {"": system})
+            for name, (system, _) in systems.items()
         },
         "Methods": {
-            name: lambda method=method: on_systems(method)
+            name: partial(on_systems, method)
             for name, method in catalogue.methods().items()
         },
     }

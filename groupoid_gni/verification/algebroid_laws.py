@@ -116,7 +116,7 @@ def declares(name: str) -> Callable[[Algebroid], str | None]:
 
 
 _ROUND_OFF = "round-off of two derivatives of a few products and a lift"
-_NUMBERS = "truncation of differences of order eight, step 2^-9, near the edge of the domain"
+_NUMBERS = "round-off of a lift over the step, 2^-9, of differences of order eight"
 _algebroid = partial(law, "algebroid")
 _exact = partial(_algebroid, tolerance=1e-12, reason=_ROUND_OFF)
 _on_pairs = partial(_exact, draw=pairs_and_directions, share=0.5)

@@ -117,7 +117,7 @@ def shipped_scenes() -> dict[str, Scene]:
 
 
 def systems_for_methods() -> dict[str, tuple[MechanicalSystem, tuple[Section, ...]]]:
-    """What methods run on, with symmetries: the scenes, and two that keep an energy exactly."""
+    """What methods run on, with symmetries: scenes, two with an exact energy, a charged body."""
     spins: dict[str, tuple[Section, ...]] = {
         "rolling ball": (lambda x: np.array([0.0, 0.0, 0.0, 0.0, 1.0]),)
     }
@@ -132,7 +132,16 @@ def systems_for_methods() -> dict[str, tuple[MechanicalSystem, tuple[Section, ..
         potential=lambda x, p: 0.5 * x @ well @ x,
         constraints=lambda x, p: np.array([[-x[1], 0.3 * x[2], 1.0]]),
     )
-    return {**made, "sphere, any D": (sphere, ()), "springs, any D": (springs, ())}
+    charge = MechanicalSystem(
+        PairGroupoid(3),
+        metric=lambda x, p: np.diag([0.7, 1.1 + 0.2 * x[0] ** 2, 1.3]),
+        gyroscopic=lambda x, p: p.charge * np.array([-x[1], x[0] * x[2], 0.4]),
+        constraints=lambda x, p: np.array([[0.3, -x[2], 1.2]]),
+        drift=lambda x, p: np.array([0.1, 0.3 * np.cos(x[0]), -0.2]),
+        parameters={"charge": 0.8},
+    )
+    exact = {"sphere, any D": (sphere, ()), "springs, any D": (springs, ())}
+    return {**made, **exact, "charge, moving D": (charge, ())}
 
 
 def methods() -> dict[str, Method]:
