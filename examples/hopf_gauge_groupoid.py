@@ -233,7 +233,7 @@ def broken_copies() -> dict[str, gni.LieGroupoid]:
     }
 
 
-def verify(examples: int = 20) -> dict[str, list[str]]:
+def verify(examples: int = 8) -> dict[str, list[str]]:
     """All laws on the sound groupoid, then what they say of the broken ones, by class name."""
     for check in (check_groupoid, check_retraction):
         report = check(HopfGaugeGroupoid(), examples=examples)

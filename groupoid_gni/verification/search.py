@@ -17,9 +17,9 @@ from groupoid_gni.verification.gaps import Gap
 from groupoid_gni.verification.laws import Law
 
 _FEWEST = 3  # Hypothesis starts with the simplest sample, at which many a wrong law holds
-_SHRINK_SECONDS = 1.5
-_IN_FULL = 3  # laws per group whose failure is shrunk that long; the others mostly follow from them
-_IN_BRIEF = 0.15  # part of that time for the others
+_SHRINK_SECONDS = 1.0
+_IN_FULL = 2  # laws per group whose failure is shrunk that long; the others mostly follow from them
+_IN_BRIEF = 0.1  # part of that time for the others
 _PHASES = (Phase.generate, Phase.shrink)
 
 
@@ -104,6 +104,10 @@ class _Broken(Exception):  # noqa: N818 (never leaves this file)
     """Raised inside Hypothesis so that it shrinks."""
 
 
+class _Enough(BaseException):
+    """Raised inside Hypothesis so that it stops at once, as by Ctrl-C."""
+
+
 def _shrink(
     subject: Any, tally: Tally, strategy: Any, limits: tuple[int, int | None, float]
 ) -> None:
@@ -111,13 +115,14 @@ def _shrink(
     began = time.monotonic()
 
     def try_one(sample: dict[str, Any]) -> None:
-        late = time.monotonic() - began > seconds
-        if not late and tally.add(evaluate(tally.law, subject, sample)):
+        if time.monotonic() - began > seconds:
+            raise _Enough
+        if tally.add(evaluate(tally.law, subject, sample)):
             raise _Broken
 
     try:
         _search(strategy, try_one, count, seed)
-    except (_Broken, hypothesis.errors.HypothesisException, ExceptionGroup):
+    except (_Broken, _Enough, hypothesis.errors.HypothesisException, ExceptionGroup):
         return  # the last failure seen is the smallest one found
 
 

@@ -122,6 +122,7 @@ def test_laws_hold_for_classes(seed: int) -> None:
         space.multiply(g, space.inverse(h))
 
 
+@pytest.mark.slow
 def test_all_laws_hold_and_name_the_mistake_in_each_broken_copy(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -14,8 +14,6 @@ from typing import Any
 
 import numpy as np
 from plain_mechanics import Field, derivative
-from printed_schemes import solve
-from scipy.linalg import expm, logm
 
 import groupoid_gni as gni
 
@@ -27,6 +25,28 @@ _GROUPS: dict[str, tuple[Any, Callable[..., gni.LieGroup]]] = {
     "SO(3)": (_SO3, gni.SO3),
     "SE(2)": (_SE2, gni.SE2),
 }
+_TINY = 1e-40
+
+
+def exponential(matrix: Any) -> Any:
+    """exp by its series, of one matrix of ordinary size or of many, real or complex."""
+    power = total = np.eye(matrix.shape[-1])
+    for k in range(1, 26):
+        power = power @ matrix / k
+        total = total + power
+    return total
+
+
+def root(residual: Callable[[Any], Any], guess: Any) -> Any:
+    """A zero, by Newton's method with a Jacobian by differences, kept for a few iterations."""
+    x, delta = np.array(guess, dtype=float), 1e-5
+    for _ in range(2):
+        steps = delta * np.eye(len(x))
+        columns = [(residual(x + step) - residual(x - step)) / (2 * delta) for step in steps]
+        inverse = np.linalg.inv(np.array(columns).T)
+        for _ in range(5):
+            x = x - inverse @ residual(x)
+    return x
 
 
 @dataclass(frozen=True)
@@ -48,37 +68,40 @@ class Group:
         return _GROUPS[self.name][1](side=self.side, retraction=self.retraction)
 
     def hat(self, xi: Any) -> Any:
-        """xi^s E_s."""
+        """xi^s E_s, also of many xi."""
         return np.tensordot(xi, self.basis, 1)
 
     def vee(self, matrix: Any) -> Any:
-        """The components of a matrix of the algebra."""
+        """The components of a matrix of the algebra, or of many."""
         flat = self.basis.reshape(len(self.basis), -1)
-        return np.linalg.solve(flat @ flat.T, flat @ matrix.ravel())
+        return matrix.reshape(*matrix.shape[:-2], -1) @ np.linalg.pinv(flat)
 
     def tau(self, xi: Any) -> Any:
-        """exp or cay."""
+        """exp or cay, also of many xi, real or complex."""
         matrix = self.hat(xi)
+        one = np.eye(matrix.shape[-1])
         if isinstance(self.retraction, gni.Exponential):
-            return expm(matrix)
-        one = np.eye(len(matrix))
+            return exponential(matrix)
         return np.linalg.solve(one - matrix / 2, one + matrix / 2)
 
     def tau_inverse(self, element: Any) -> Any:
-        """log, or the inverse of cay."""
-        if isinstance(self.retraction, gni.Exponential):
-            return self.vee(np.real(logm(element)))
+        """The inverse of tau: log by its series, so only for small changes, or that of cay."""
         one = np.eye(len(element))
+        if isinstance(self.retraction, gni.Exponential):
+            power, total = one, np.zeros_like(element)
+            for k in range(1, 40):
+                power = power @ (one - element)
+                total = total - power / k
+            return self.vee(total)
         return self.vee(2 * np.linalg.solve(element + one, element - one))
 
     def change(self, xi: Any) -> Any:
         """T_xi tau, (d, k, k)."""
-        return derivative(self.tau, xi)
+        return np.imag(self.tau(xi + 1j * _TINY * np.eye(len(xi)))) / _TINY
 
     def dtau(self, xi: Any) -> Any:
         """(34), (51)."""
-        moved = self.change(xi) @ np.linalg.inv(self.tau(xi))
-        return np.array([self.vee(m) for m in moved]).T
+        return self.vee(self.change(xi) @ np.linalg.inv(self.tau(xi))).T
 
     def turned(self, xi: Any) -> Any:
         """xi on a left group, -xi on a right one."""
@@ -95,8 +118,7 @@ class Group:
     def transport(self, sigma: Any) -> Any:
         """Ad^*_{tau(sigma)}, a matrix."""
         g = self.tau(self.turned(sigma))
-        conjugated = g @ self.basis @ np.linalg.inv(g)
-        return np.array([self.vee(m) for m in conjugated])
+        return self.vee(g @ self.basis @ np.linalg.inv(g))
 
     def product(self, first: Any, then: Any) -> Any:
         """First one arrow, then the other."""
@@ -105,7 +127,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Reduced:
-    """``L = 1/2 G(v, v) - V`` with ``mu (v - Y) = 0`` on T R^n x g; v = (x', xi), rows (mu, eta)."""
+    """``L = 1/2 G(v, v) - V`` with ``mu (v - Y) = 0`` on T R^n x g; v = (x', xi)."""
 
     name: str
     group: Group
@@ -191,18 +213,24 @@ def retracted_lagrangian(reduced: Reduced, rule: Any, h: float) -> Callable[[Any
     }[rule]
 
 
+def moment(
+    reduced: Reduced, rule: Any, h: float, x0: Any, x1: Any, xi: Any
+) -> tuple[Any, Any]:
+    """The group parts of FL- and FL+, as after (34)."""
+    l_d, sigma = retracted_lagrangian(reduced, rule, h), h * xi
+    by_sigma = derivative(lambda y: l_d(x0, x1, y), sigma)
+    return reduced.group.leave(sigma) @ by_sigma, reduced.group.arrive(sigma) @ by_sigma
+
+
 def legendre(
     reduced: Reduced, rule: Any, h: float, x0: Any, x1: Any, xi: Any
 ) -> tuple[Any, Any]:
-    """FL- and FL+ through l_d, as after (34)."""
-    l_d, sigma = retracted_lagrangian(reduced, rule, h), h * xi
-    first = derivative(lambda y: l_d(y, x1, sigma), x0)
-    second = derivative(lambda y: l_d(x0, y, sigma), x1)
-    third = derivative(lambda y: l_d(x0, x1, y), sigma)
-    return (
-        np.concatenate([-first, reduced.group.leave(sigma) @ third]),
-        np.concatenate([second, reduced.group.arrive(sigma) @ third]),
-    )
+    """FL- and FL+ through l_d."""
+    l_d = retracted_lagrangian(reduced, rule, h)
+    first = derivative(lambda y: l_d(y, x1, h * xi), x0)
+    second = derivative(lambda y: l_d(x0, y, h * xi), x1)
+    leave, arrive = moment(reduced, rule, h, x0, x1, xi)
+    return np.concatenate([-first, leave]), np.concatenate([second, arrive])
 
 
 def next_pair(
@@ -215,11 +243,10 @@ def next_pair(
 
     def residual(unknown: Any) -> Any:
         leave = legendre(reduced, rule, h, x1, unknown[:n], unknown[n:])[0]
-        return np.concatenate(
-            [along @ (leave - arrived), across @ (leave + arrived) - 2 * across @ offset]
-        )
+        # P* and Q* of anything are independent, so their sum vanishes where both do
+        return along @ (leave - arrived) + across @ (leave + arrived - 2 * offset)
 
-    found = solve(residual, np.concatenate([2 * x1 - x0, xi]))
+    found = root(residual, np.concatenate([2 * x1 - x0, xi]))
     return found[:n], found[n:]
 
 
@@ -251,14 +278,14 @@ def next_base(
 
 def reduced_rattle(reduced: Reduced, h: float, state: State) -> State:
     """One step of (37), in the order of the paper; with an affine term also its (37d) is that."""
-    n, (x, p, xi, moment, impulse) = reduced.n, state
+    n, (x, p, xi, m, impulse) = reduced.n, state
     # (37a), (37c)
     x1, half = next_base(reduced, h, x, p, xi, impulse)
     velocity = np.concatenate([(x1 - x) / h, xi])
     # (37d), (37e), (37b) in (37f): linear in p~, M~, lambda
     mu = reduced.rows(x1)
     gradients = mu @ np.linalg.inv(reduced.metric(x1))
-    carried = reduced.group.transport(h * xi) @ moment
+    carried = reduced.group.transport(h * xi) @ m
     kicked = np.concatenate([half - h / 2 * reduced.pull(x1, velocity), carried])
     weight = np.repeat([0.5, 1.0], [n, len(xi)])[:, None]
     mean = np.repeat([1.0, 0.5], [n, len(xi)])
@@ -268,13 +295,13 @@ def reduced_rattle(reduced: Reduced, h: float, state: State) -> State:
     )
     wanted = mu @ reduced.section(x1) - gradients[:, n:] @ carried / 2
     found = np.linalg.solve(left, np.concatenate([kicked, wanted]))
-    p1, moment1, impulse1 = found[:n], found[n:size], found[size:]
+    p1, m1, impulse1 = found[:n], found[n:size], found[size:]
 
     def residual(xi1: Any) -> Any:
         x2, _ = next_base(reduced, h, x1, p1, xi1, impulse1)
-        return legendre(reduced, gni.Rattle(), h, x1, x2, xi1)[0][n:] - moment1
+        return moment(reduced, gni.Rattle(), h, x1, x2, xi1)[0] - m1
 
-    return x1, p1, solve(residual, xi), moment1, impulse1
+    return x1, p1, root(residual, xi), m1, impulse1
 
 
 # Four systems.

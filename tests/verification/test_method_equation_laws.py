@@ -293,10 +293,9 @@ def test_every_law_catches_something() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS, ids=str)
 def test_laws_hold_for_every_method_everywhere(method: Any) -> None:
-    for make in SCENES.values():
-        report_on(MethodView(method, make().system, 0.05))
+    turn = [str(other) for other in METHODS].index(str(method))
     for number, name in enumerate(zoo.SPACES):
-        if name not in EXPENSIVE:
+        if name not in EXPENSIVE and number % len(METHODS) == turn:
             system = zoo.animal(
                 name, number % 4, affine=number % 2 == 0, gyroscopic=number % 3 == 0
             ).system

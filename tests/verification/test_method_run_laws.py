@@ -188,11 +188,9 @@ def test_every_law_catches_something() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS, ids=str)
-def test_laws_hold_for_every_method_on_every_scene_and_a_third_of_the_zoo(method: Any) -> None:
-    for name in SCENES:
-        report_on(on_scene(name, method))
+def test_laws_hold_for_every_method_on_a_sixth_of_the_zoo(method: Any) -> None:
     for number, name in enumerate(zoo.SPACES):
-        if name not in EXPENSIVE and (number + METHODS.index(method)) % 3 == 0:
+        if name not in EXPENSIVE and (number + METHODS.index(method)) % 6 == 0:
             options = {"affine": number % 2 == 0, "gyroscopic": number % 5 < 2}
             system = zoo.animal(name, number % 4, **options).system
             report_on(MethodView(method, system, 0.05))

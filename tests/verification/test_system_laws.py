@@ -57,11 +57,11 @@ def test_scenes_obey_the_laws(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("m", [0, 1, 2, 3])
 @pytest.mark.parametrize("name", zoo.SPACES)
-def test_the_whole_zoo_obeys_the_laws(name: str, m: int) -> None:
+def test_the_whole_zoo_obeys_the_laws(name: str) -> None:
+    m = list(zoo.SPACES).index(name) % 4
     animal = zoo.animal(name, m, affine=m % 2 == 1, gyroscopic=m != 1, seed=3)
-    assert check_system(animal.system, on_fail="return", examples=40, seed=None).passed
+    assert check_system(animal.system, on_fail="return", examples=20).passed
 
 
 def test_every_law_applies_to_something_and_bites() -> None:
