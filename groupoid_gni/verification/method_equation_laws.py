@@ -482,7 +482,7 @@ def _same_motion(view: MethodView, name: str, x: FloatArray, xi: FloatArray) -> 
 @_no_difference("the run with rows A mu and w A mu is the run with rows mu",
                 "invertible A; one dependent row w A mu", "D is the span, not the rows",
                 applies=_needs_rows)
-def rows_may_be_recombined(view: MethodView, x: FloatArray, xi: FloatArray) -> Gap:
+def choice_of_rows_does_not_matter(view: MethodView, x: FloatArray, xi: FloatArray) -> Gap:
     """Only the subspace matters, not how rows span it, nor a row too many."""
     return _same_motion(view, "recombined", x, xi)
 
@@ -556,7 +556,7 @@ METHOD_EQUATION_LAWS = (
     normal_equation, discrete_euler_lagrange, momenta_belong_to_their_nodes, impact_in_the_middle,
     what_is_lent_is_taken_back, nodes_satisfy_the_constraints, impulses_annihilate_d,
     multipliers_are_impulses_per_time, velocities_belong_to_momenta, arrows_join_the_nodes,
-    rows_may_be_recombined, frames_do_not_matter, sides_do_not_matter,
+    choice_of_rows_does_not_matter, frames_do_not_matter, sides_do_not_matter,
     unreduced_systems_move_alike, reconstruction_is_the_unreduced_motion,
     gauge_terms_do_not_matter, machine_code_is_the_expressions,
 )

@@ -243,7 +243,7 @@ _EQUATION = "tangential_equation normal_equation "
 _ALONG = "discrete_euler_lagrange momenta_belong_to_their_nodes "
 _PROJECTED = "discrete_euler_lagrange impact_in_the_middle what_is_lent_is_taken_back "
 # a run that leaves the constraint is stopped when a row is left out
-_NODES = "nodes_satisfy_the_constraints rows_may_be_recombined "
+_NODES = "nodes_satisfy_the_constraints choice_of_rows_does_not_matter "
 
 # (48)
 _TRANSFORMS = [
@@ -295,7 +295,7 @@ _IMPACTS = [
             "what_is_lent_is_taken_back", (Node, "normal_vector", _nothing_lent)),
     # what is lent is O(h^3), what the bases turn by O(h)
     _broken("normal bases matched by number", places(gni.GNI(), m=2, n=3, step=0.3),
-            "what_is_lent_is_taken_back rows_may_be_recombined",
+            "what_is_lent_is_taken_back choice_of_rows_does_not_matter",
             (nonholonomic_step, "_matching_isometry", _bases_matched_by_number)),
 ]
 
@@ -323,7 +323,7 @@ _REPORTS = [
 _DIFFERENCES = [
     _broken("a rule that looks at a component", body(Nearsighted()),
             "frames_do_not_matter sides_do_not_matter"),
-    _broken("dependent rows kept", body(_EULER), "rows_may_be_recombined",
+    _broken("dependent rows kept", body(_EULER), "choice_of_rows_does_not_matter",
             (starts, "independent_rows", _all_rows)),
     _broken("constants in single precision", body(_EULER), "machine_code_is_the_expressions",
             (Emitter, "constant", _single_precision)),

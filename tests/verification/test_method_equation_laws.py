@@ -70,7 +70,7 @@ def expected_laws(method: Any, system: gni.MechanicalSystem) -> set[str]:
     names = {law.name for law in METHOD_EQUATION_LAWS}
     rows, two_step = system.constraint_count > 0, method in RULES
     if not rows:
-        names -= {"nodes_satisfy_the_constraints", "rows_may_be_recombined"}
+        names -= {"nodes_satisfy_the_constraints", "choice_of_rows_does_not_matter"}
     if not rows or two_step:
         names -= {"impact_in_the_middle", "what_is_lent_is_taken_back"}
     if not rows or not two_step:

@@ -57,9 +57,12 @@ def test_cells_tables_and_panels() -> None:
 
 def test_the_page_in_docs_knows_every_law_and_none_is_broken() -> None:
     text = PAGE.read_text("utf-8")
-    for law in (
+    laws = (
         *GROUPOID_LAWS, *ALGEBROID_LAWS, *CONVENTION_LAWS, *RETRACTION_LAWS, *APPENDIX_LAWS,
         *SYSTEM_LAWS, *METHOD_EQUATION_LAWS, *METHOD_RUN_LAWS,
-    ):
+    )
+    assert len({law.name for law in laws}) == len(laws)
+    assert f"{len(laws)} laws, " in text
+    for law in laws:
         assert f"- **{law.name}**: `{law.statement}`" in text, law.name
     assert ", 0 broken." in text
