@@ -7,17 +7,21 @@ functions), integrate, look. ``gni.verification`` holds the laws all of them obe
 from importlib import import_module
 from typing import Any
 
-from groupoid_gni import scenes
+from groupoid_gni import diagnostics, scenes
 from groupoid_gni.discretization import (
+    CompositionTable,
     ConstraintAtBothEnds,
     ConstraintAtMidpoint,
     ConstraintAtSource,
     ConstraintAtTarget,
     DiscreteLagrangian,
+    EnergyPreserving,
     EulerA,
     EulerB,
     Midpoint,
     Rattle,
+    Splitting,
+    Variational,
 )
 from groupoid_gni.errors import (
     DependentConstraintsWarning,
@@ -55,10 +59,12 @@ from groupoid_gni.groupoids import (
 from groupoid_gni.integrators import (
     GNI,
     DiscreteLagrangeDAlembert,
+    McLachlanPerlmutter,
     ReferenceFlow,
-    Variational,
+    SymmetricProjection,
     integrate,
     next_arrow,
+    step_function,
 )
 from groupoid_gni.outcomes import Outcome
 from groupoid_gni.systems import MechanicalSystem, State
@@ -75,6 +81,7 @@ __all__ = [
     "ActionGroupoid",
     "AtiyahGroupoid",
     "Cayley",
+    "CompositionTable",
     "ConstraintAtBothEnds",
     "ConstraintAtMidpoint",
     "ConstraintAtSource",
@@ -83,6 +90,7 @@ __all__ = [
     "DerivedGroupoid",
     "DiscreteLagrangeDAlembert",
     "DiscreteLagrangian",
+    "EnergyPreserving",
     "EulerA",
     "EulerB",
     "Exponential",
@@ -93,6 +101,7 @@ __all__ = [
     "LieGroup",
     "LieGroupoid",
     "MatrixGroup",
+    "McLachlanPerlmutter",
     "MechanicalSystem",
     "MetricMismatchError",
     "Midpoint",
@@ -106,16 +115,20 @@ __all__ = [
     "RecordingError",
     "ReferenceFlow",
     "Retraction",
+    "Splitting",
     "State",
     "StepFailure",
+    "SymmetricProjection",
     "Trajectory",
     "TrajectoryFileError",
     "Variational",
     "VectorGroup",
     "array",
+    "diagnostics",
     "integrate",
     "next_arrow",
     "scenes",
+    "step_function",
     "where",
 ]
 

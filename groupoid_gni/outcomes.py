@@ -18,6 +18,7 @@ class Outcome(IntEnum):
     ADAPTIVE_STEP_FAILED = -8
     METRIC_INDEFINITE = -9
     LEFT_BASE = -10
+    PROJECTION_SINGULAR = -11
 
     @property
     def sentence(self) -> str:
@@ -57,6 +58,11 @@ _SENTENCES = {
         "The base point has drifted off the base manifold. Usual mend: give the groupoid a "
         "restore_base(x) that brings nearby points back, or check that target(retract(x, xi)) "
         "stays on it."
+    ),
+    Outcome.PROJECTION_SINGULAR: (
+        "The equation for the normal momentum that a projected step lends and takes back has "
+        "become singular: the parasitic multiplier of the bare step has reached +1. Usual mend: a "
+        "smaller step."
     ),
     Outcome.METRIC_INDEFINITE: (
         "The metric is no longer positive definite. Usual mend: stop before that point, or look "

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -38,9 +39,11 @@ class Trajectory:
     rows : (n, row) raw rows: state, arrow velocities, Newton count (see ``layout``).
     layout : where the parts of the state lie in a row.
     active_rows : constraint rows that took part in the step.
-    flights : free flights per step (0 when there are no arrows).
+    flights : equal arrows that make a step (0 where arrows are not stored).
     outcome, detail : how the run ended; ``success``, ``status``, ``message`` follow SciPy.
-    seconds : wall time of the loop.  rescued_steps : steps that needed a second try.
+    seconds : wall time of the loop.  rescued_steps : stages that needed a second try.
+    controls : (steps, inputs) control inputs, or None.
+    again : the same motion more precisely and in how many steps; reference runs, not stored.
 
     Shapes below: n nodes, r = rank, m = number of constraint rows as given.
     """
@@ -57,6 +60,8 @@ class Trajectory:
     detail: str = ""
     seconds: float = 0.0
     rescued_steps: int = 0
+    controls: FloatArray | None = None
+    again: Callable[[], tuple[Trajectory, int]] | None = field(default=None, repr=False)
     _expressions: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -146,6 +151,24 @@ class Trajectory:
         """(n,) energy ``<p, xi> - L`` at ``momenta``."""
         return self._evaluate("energy", self.momenta)[:, 0]
 
+    def work(self) -> FloatArray:
+        """(n,) work of the external force since the start, as the method counts it.
+
+        Sum of the discrete force times the velocity of the arrow it acts on. Zero without a force.
+        """
+        if not self.system.has("force"):
+            return np.zeros(len(self))
+        return np.asarray(self._part("work")[:, 0])
+
+    def energy_balance(self) -> FloatArray:
+        """(n,) change of the energy minus the work of the external force.
+
+        Round-off for ``GNI(flow=EnergyPreserving())`` with linear constraints, of the order of the
+        method otherwise. An affine constraint does work of its own, which is not subtracted.
+        """
+        energy = self.energy()
+        return np.asarray(energy - energy[0] - self.work())
+
     def constraint_residuals(self, relative: bool = False) -> FloatArray:
         """(n, m) ``mu (xi - Y)`` of all rows as given, at ``velocities``.
 
@@ -203,6 +226,38 @@ class Trajectory:
         """Largest ``parasitic_amplitude`` of the first dozen nodes."""
         return float(np.sqrt(self._part("parasitic")[-1, 4]))
 
+    def error_estimate(self) -> FloatArray:
+        """(n,) estimate of the error of base points and velocities, reference runs only.
+
+        The motion is integrated again at a hundredth of the tolerances (1e-14 at the least), when
+        first asked. The estimate of a node is the largest difference of any base coordinate or
+        velocity component up to there, plus the round-off of the steps, ``2^-50 sqrt(steps)`` of
+        the largest entry. Infinite where the second run did not arrive. It sees what the method
+        does, and round-off as far as the motion amplifies it; not errors of the equations.
+
+        Raises InputError for other methods, and for runs read from a file.
+        """
+        if self.again is None:
+            raise InputError(
+                f"{self.method_name} has no error estimate here: only ReferenceFlow runs can be "
+                "repeated at a tighter tolerance, and not after they were read from a file. "
+                "Compare with a run of half the step, or with method=gni.ReferenceFlow()"
+            )
+        if "error" not in self._expressions:
+            self._expressions["error"] = self._difference(*self.again())
+        return np.array(self._expressions["error"])
+
+    def _difference(self, other: Trajectory, steps: int) -> FloatArray:
+        """Largest difference up to each node, with round-off; see ``error_estimate``."""
+        n = min(len(self), len(other))
+        mine, others = (
+            np.hstack([run.base[:n], run.velocities[:n]]) for run in (self, other)
+        )
+        size = np.maximum.accumulate(np.max(np.abs(mine), axis=1))
+        difference = np.maximum.accumulate(np.max(np.abs(mine - others), axis=1))
+        round_off = 2.0**-50 * np.sqrt(max(steps, 1)) * size
+        return np.append(difference + round_off, np.full(len(self) - n, np.inf))
+
     @property
     def final_state(self) -> tuple[FloatArray, FloatArray]:
         """(base, velocity) of the last node, ready for ``system.state(*...)``."""
@@ -215,7 +270,10 @@ class Trajectory:
         Raises InputError when not every node was saved.
         """
         if self.flights == 0:
-            raise InputError(f"{self.method_name} has no arrows; it integrates base and momentum")
+            raise InputError(
+                f"{self.method_name} does not store the arrows of its steps. To accumulate them "
+                "while running, use integrate(..., reconstruct=W0)"
+            )
         velocities = self.rows[1:, self.layout.size : -1]
         if np.any(np.diff(self.node_steps) != 1) or np.any(np.isnan(velocities)):
             raise InputError(
@@ -227,10 +285,10 @@ class Trajectory:
         share = self.step_size / self.flights
         x = self.base[:-1]
         arrow = retract(x, share * velocities[:, :r])
-        if self.flights == 2:
+        for begin in range(r, r * self.flights, r):
             middle = self._space_function("target")(arrow)
-            second = retract(middle, share * velocities[:, r:])
-            arrow = self._space_function("multiply")(arrow, second)
+            then = retract(middle, share * velocities[:, begin : begin + r])
+            arrow = self._space_function("multiply")(arrow, then)
         return np.asarray(arrow).reshape(len(self) - 1, space.arrow_size)
 
     def reconstruct(self, start: ArrayLike | None = None) -> FloatArray:
@@ -285,11 +343,18 @@ class Trajectory:
         if quantity not in self._expressions:
             self._expressions[quantity] = self._quantity(quantity)
         function, theta = self._expressions[quantity], self.system.parameter_vector
+        columns = (self.base.T, p.T, self._controls_at_nodes().T)
         blocks = [
-            np.array(function(self.base[i : i + _BLOCK].T, p[i : i + _BLOCK].T, theta)).T
+            np.array(function(*[c[:, i : i + _BLOCK] for c in columns], theta)).T
             for i in range(0, len(self), _BLOCK)
         ]
         return np.concatenate(blocks).reshape(len(self), -1)
+
+    def _controls_at_nodes(self) -> FloatArray:
+        """(n, inputs) of the step that leaves each node; of the last step at the end."""
+        if self.controls is None or not len(self.controls):
+            return np.zeros((len(self), self.system.control_size))
+        return np.asarray(self.controls[np.minimum(self.node_steps, len(self.controls) - 1)])
 
     def _quantity(self, quantity: str) -> ca.Function:
         e = SystemExpressions(self.system, self.active_rows)
@@ -301,7 +366,8 @@ class Trajectory:
             "along_rows": lambda: e.node(x, theta).along_rows(p),
             "multipliers": lambda: e.multipliers(x, p, theta),
         }[quantity]()
-        return ca.Function(quantity, [x, p, theta], [ca.cse(ca.densify(expression))])
+        inputs = [x, p, e.controls, theta]
+        return ca.Function(quantity, inputs, [ca.cse(ca.densify(expression))])
 
     def summary(self) -> str:
         """Steps, outcome, energy and constraint records in a few lines."""
@@ -325,6 +391,11 @@ class Trajectory:
         if "parasitic" in self.layout.slices:
             largest = self.parasitic_maximum[-1]
             lines.append(f"  parasitic    largest amplitude {largest:.2e} of |p|")
+        if "work" in self.layout.slices:
+            lines.append(
+                f"  force        work {self.work()[-1]:.12g}, largest defect of the energy balance "
+                f"{np.max(np.abs(self.energy_balance())):.2e}"
+            )
         if steps and self.rows[-1, -1] > 0:
             lines.append(f"  Newton       {self.rows[-1, -1] / steps:.2f} iterations per step")
         if self.seconds > 0.0 and steps:
@@ -366,6 +437,8 @@ class Trajectory:
         }
         arrays: dict[str, Any] = {f"parameter_{k}": v for k, v in self.system.parameters.items()}
         arrays["fingerprint"] = _fingerprint(self.system, self.base[0])
+        if self.controls is not None:
+            arrays["controls"] = self.controls
         handle, name = tempfile.mkstemp(dir=target.parent, suffix=".npz")
         try:
             with os.fdopen(handle, "wb") as file:
@@ -400,6 +473,7 @@ class Trajectory:
                 steps, rows = file["node_steps"], file["rows"]
                 values = {k: file[f"parameter_{k}"] for k in header["parameters"]}
                 fingerprint = file["fingerprint"]
+                controls = file.get("controls")
         except (FileNotFoundError, TrajectoryFileError):
             raise
         except Exception as error:
@@ -431,6 +505,7 @@ class Trajectory:
             detail=header["detail"],
             seconds=header["seconds"],
             rescued_steps=header["rescued_steps"],
+            controls=controls,
         )
 
 

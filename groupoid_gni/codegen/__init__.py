@@ -1,18 +1,21 @@
 """From the expressions of a step to something that runs: machine code, or CasADi's evaluator.
 
-Takes a StepProgram, gives StepRunners; knows no mechanics.
+Takes a StepProgram, gives StepRunners; takes a vector field, gives FlowRunners; knows no mechanics.
 """
 
+from groupoid_gni.codegen.adaptive_runners import CompiledFlow, FlowRunner, InterpretedFlow
 from groupoid_gni.codegen.machine import MachineCode, machine_has_fused_products
-from groupoid_gni.codegen.runners import CompiledStep, InterpretedStep, StepRunner, compile_field
+from groupoid_gni.codegen.runners import CompiledStep, InterpretedStep, StepRunner
 from groupoid_gni.codegen.step_kernel import field_ir, step_kernel_ir
 
 __all__ = [
+    "CompiledFlow",
     "CompiledStep",
+    "FlowRunner",
+    "InterpretedFlow",
     "InterpretedStep",
     "MachineCode",
     "StepRunner",
-    "compile_field",
     "field_ir",
     "machine_has_fused_products",
     "step_kernel_ir",

@@ -91,6 +91,14 @@ class Emitter:
             return text
         return "<" + ", ".join(f"double {text}" for _ in range(self.lanes)) + ">"
 
+    def splat(self, name: str) -> str:
+        """A scalar double in every lane."""
+        if self.lanes == 1:
+            return name
+        single = self.assign(f"insertelement {self.type} undef, double {name}, i32 0")
+        order = f"<{self.lanes} x i32> zeroinitializer"
+        return self.assign(f"shufflevector {self.type} {single}, {self.type} undef, {order}")
+
     def fresh(self) -> str:
         """A new value name."""
         self._count += 1

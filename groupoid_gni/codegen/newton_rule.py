@@ -3,15 +3,12 @@
 Residual times update, summed in absolute value and divided by the kinetic scale of the step, is the
 square of a relative error e_k that does not depend on units. Where the iteration converges
 quadratically, ``e_{k+1}`` is about ``e_k^3 / e_{k-1}^2``, elsewhere at most ``e_k^2 / e_{k-1}``;
-it stops after the update that is predicted to leave less than round-off. The same numbers serve
-both runners.
+it stops after the update that is predicted to leave less than round-off. What the current unknowns
+leave in the next state, because it is not an expression of the updated ones, must be at round-off
+by itself. The same numbers serve both runners.
 """
 
 from __future__ import annotations
-
-from math import comb
-
-from groupoid_gni.discretization.step_program import HISTORY
 
 AT_ROUND_OFF = 1e-31
 """e_k^2 at which nothing can be gained."""
@@ -21,6 +18,9 @@ PREDICTED = 1e-32
 
 BEFORE_FIRST = 1e-14
 """e^2 assumed before the first update: it suffices at e = 1e-10 (quadratic) or 3e-12."""
+
+LEFT = 1e-29
+"""Bound on the e^2 left in the next state."""
 
 STAGNATION = 0.06
 """A reduction of e^2 worse than this factor, below ``STAGNATION_LEVEL``, is round-off."""
@@ -35,17 +35,13 @@ TINY = 1e-300
 """Keeps the quotient finite for a system at rest."""
 
 
-def finished(now: float, last: float, quadratic: bool) -> bool:
-    """Whether the iteration may stop after the update with e^2 = ``now``."""
+def finished(now: float, last: float, left: float, quadratic: bool) -> bool:
+    """Whether the iteration may stop after the update with e^2 = ``now``, ``left`` in the state."""
     predicted = now * now * now <= PREDICTED * last * last if quadratic else (
         now * now <= PREDICTED * last
     )
     return (
         now <= AT_ROUND_OFF
-        or predicted
+        or (predicted and left <= LEFT)
         or (now >= STAGNATION * last and now <= STAGNATION_LEVEL)
     )
-
-
-EXTRAPOLATION = tuple((-1.0) ** k * comb(HISTORY, k + 1) for k in range(HISTORY))
-"""Weights of the last, the last but one, ... step: the polynomial through all of them."""

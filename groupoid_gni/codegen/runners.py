@@ -1,7 +1,8 @@
 """Two ways to run a step program: machine code, and CasADi's evaluator as a second opinion.
 
-Both keep the same ``Progress`` (state; unknowns of the last steps, carried values and Newton count;
-absolute step number), so a run may be cut into chunks anywhere without changing a bit.
+Both keep the same ``Progress`` (state; unknowns of the last stages, carried values and Newton
+count; absolute stage number), so a run may be cut into chunks anywhere without changing a bit. A
+step is one stage or, in a composition, several; everything here counts stages.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ import numpy as np
 from groupoid_gni.array_types import FloatArray
 from groupoid_gni.codegen import newton_rule as rule
 from groupoid_gni.codegen.machine import MachineCode, machine_has_fused_products
-from groupoid_gni.codegen.step_kernel import field_ir, step_function, step_kernel_ir
-from groupoid_gni.discretization.step_program import HISTORY, StepProgram
+from groupoid_gni.codegen.step_kernel import step_function, step_kernel_ir
+from groupoid_gni.codegen.warm_start import extrapolation_weights
+from groupoid_gni.discretization.step_program import StepProgram
 from groupoid_gni.outcomes import Outcome
 
 
@@ -27,13 +29,13 @@ from groupoid_gni.outcomes import Outcome
 class Progress:
     """Where a run stands: everything needed to go on, bit for bit. Never changed in place.
 
-    state : (n,).  memory : unknowns of the last steps, carried values, Newton count.
-    step : number of steps done.
+    state : (n,).  memory : unknowns of the last stages, carried values, Newton count.
+    stage : number of stages done.
     """
 
     state: FloatArray
     memory: FloatArray
-    step: int = 0
+    stage: int = 0
 
 
 @dataclass(frozen=True)
@@ -44,13 +46,28 @@ class StepRunner(ABC):
 
     @abstractmethod
     def advance(
-        self, parameters: FloatArray, progress: Progress, count: int, every: int
+        self,
+        parameters: FloatArray,
+        progress: Progress,
+        count: int,
+        every: int,
+        controls: FloatArray | None = None,
     ) -> tuple[Progress, FloatArray, Outcome]:
-        """Do up to ``count`` steps; return where it stands, the saved rows and how it went.
+        """Do up to ``count`` stages; return where it stands, the saved rows and how it went.
 
-        Rows hold state, arrow velocities and Newton count of the steps whose absolute number is a
-        multiple of ``every``. On failure the new progress is the last good step.
+        Rows hold state, arrow velocities and Newton count of the stages whose absolute number is a
+        multiple of ``every``. On failure the new progress is the last good stage.
+        controls : (steps, inputs), the control inputs of all steps from the very first.
         """
+
+    def given(self, stage: int, controls: FloatArray | None) -> FloatArray:
+        """What the stage with this number is told: its fraction and the inputs of its step."""
+        step, place = divmod(stage, self.program.stages)
+        fraction = self.program.fractions[place : place + 1] if self.program.stages > 1 else ()
+        inputs = np.zeros(0)
+        if self.program.control_size and controls is not None:
+            inputs = controls[step]
+        return np.concatenate([fraction, inputs])
 
     @cached_property
     def starting(self) -> StepRunner | None:
@@ -68,7 +85,8 @@ class StepRunner(ABC):
         """The iteration's update and its Jacobian, with carried values held."""
         p = self.program
         jacobian = ca.densify(ca.jacobian(p.update, p.unknowns))
-        inputs = [p.parameters, p.state, p.unknowns, p.carried, p.later]
+        state = ca.vertcat(p.state, p.given)
+        inputs = [p.parameters, state, p.unknowns, p.carried, p.later]
         return ca.Function("update", inputs, ca.cse([ca.densify(p.update), jacobian]))
 
     def begin(self, parameters: FloatArray, state: FloatArray) -> Progress:
@@ -82,20 +100,24 @@ class StepRunner(ABC):
         guess, carried = (
             np.array(v).ravel() for v in self._first_memory(parameters, progress.state)
         )
-        recent = np.tile(guess if unknowns is None else unknowns, HISTORY)
+        recent = np.tile(guess if unknowns is None else unknowns, self.program.history)
         memory = np.concatenate([recent, carried, progress.memory[-1:]])
-        return Progress(progress.state, memory, progress.step)
+        return Progress(progress.state, memory, progress.stage)
 
-    def solve_carefully(self, parameters: FloatArray, progress: Progress) -> FloatArray | None:
-        """Newton with pivoting and damping for the next step, used when the fast one has failed.
+    def solve_carefully(
+        self, parameters: FloatArray, progress: Progress, controls: FloatArray | None = None
+    ) -> FloatArray | None:
+        """Newton with pivoting and damping for the next stage, used when the fast one has failed.
 
         Solves "the update is zero" with its exact Jacobian. Returns the unknowns, or None.
         """
         first = self._first_memory(parameters, progress.state)
         u, carried = (np.array(v, dtype=float).ravel() for v in first)
 
+        state = np.concatenate([progress.state, self.given(progress.stage, controls)])
+
         def system(values: FloatArray) -> list[FloatArray]:
-            outputs = self._update_and_slope(parameters, progress.state, values, carried, 0.0)
+            outputs = self._update_and_slope(parameters, state, values, carried, 0.0)
             return [np.asarray(v) for v in outputs]
 
         with np.errstate(all="ignore"):
@@ -140,20 +162,27 @@ class CompiledStep(StepRunner):
     @cached_property
     def _advance(self) -> Any:
         pointer, integer = ctypes.c_void_p, ctypes.c_int64
-        return self.code.function(
-            "advance", *[pointer] * 5, integer, integer, integer, returns=integer
-        )
+        kinds = [*[pointer] * 5, integer, integer, integer]
+        if self.program.control_size:
+            kinds.append(pointer)
+        return self.code.function("advance", *kinds, returns=integer)
 
     def advance(
-        self, parameters: FloatArray, progress: Progress, count: int, every: int
+        self,
+        parameters: FloatArray,
+        progress: Progress,
+        count: int,
+        every: int,
+        controls: FloatArray | None = None,
     ) -> tuple[Progress, FloatArray, Outcome]:
         """See the base class."""
-        first = progress.step
+        first = progress.stage
+        more = () if controls is None else (np.ascontiguousarray(controls).ctypes.data,)
         rows = np.empty(((first + count) // every - first // every, self.program.row_size))
         status = np.zeros(2, dtype=np.int64)
         state, memory = progress.state.copy(), progress.memory.copy()
         arrays = (parameters, state, memory, rows, status)
-        done = self._advance(*[a.ctypes.data for a in arrays], first, count, every)
+        done = self._advance(*[a.ctypes.data for a in arrays], first, count, every, *more)
         kept = rows[: (first + done) // every - first // every]
         return Progress(state, memory, first + done), kept, Outcome(int(status[0]))
 
@@ -167,29 +196,36 @@ class InterpretedStep(StepRunner):
         return step_function(self.program)
 
     def advance(
-        self, parameters: FloatArray, progress: Progress, count: int, every: int
+        self,
+        parameters: FloatArray,
+        progress: Progress,
+        count: int,
+        every: int,
+        controls: FloatArray | None = None,
     ) -> tuple[Progress, FloatArray, Outcome]:
         """See the base class."""
         rows = []
         outcome = Outcome.SUCCESS
         for _ in range(count):
-            outcome, following, arrows = self._one_step(parameters, progress)
+            outcome, following, arrows = self._one_stage(parameters, progress, controls)
             if outcome is not Outcome.SUCCESS:
                 break
             progress = following
-            if progress.step % every == 0:
+            if progress.stage % every == 0:
                 rows.append(np.concatenate([progress.state, arrows, progress.memory[-1:]]))
         return progress, np.array(rows).reshape(-1, self.program.row_size), outcome
 
-    def _one_step(
-        self, parameters: FloatArray, progress: Progress
+    def _one_stage(
+        self, parameters: FloatArray, progress: Progress, controls: FloatArray | None
     ) -> tuple[Outcome, Progress, FloatArray]:
-        n = self.program.unknowns.numel()
+        n, history = self.program.unknowns.numel(), self.program.history
         memory = progress.memory
-        recent = memory[: HISTORY * n].reshape(HISTORY, n)
-        guess = np.asarray(rule.EXTRAPOLATION) @ recent
+        recent = memory[: history * n].reshape(history, n)
+        weights = extrapolation_weights(self.program.fractions)
+        guess = np.asarray(weights[progress.stage % self.program.stages]) @ recent
+        state = np.concatenate([progress.state, self.given(progress.stage, controls)])
         last, u, carried, iterations = self._iterate(
-            parameters, progress.state, guess, memory[HISTORY * n : -1]
+            parameters, state, guess, memory[history * n : -1]
         )
         _, _, _, following, arrows, guards, finite = last
         parts = self.program.layout.positions("base", "after", "reconstructed")
@@ -198,7 +234,7 @@ class InterpretedStep(StepRunner):
         if verdict is not Outcome.SUCCESS:
             return verdict, progress, arrows
         memory = np.concatenate([u, recent[:-1].ravel(), carried, memory[-1:] + iterations])
-        return Outcome.SUCCESS, Progress(following, memory, progress.step + 1), arrows
+        return Outcome.SUCCESS, Progress(following, memory, progress.stage + 1), arrows
 
     def _verdict(self, guards: FloatArray, converged: bool, numbers: list[float]) -> Outcome:
         """As in the machine code: decisive guards, Newton, other guards, finite numbers."""
@@ -226,25 +262,10 @@ class InterpretedStep(StepRunner):
             if u.size == 0:
                 return outputs, u, carried, 0
             with np.errstate(all="ignore"):
-                now = float(outputs[2][0] / (outputs[2][1] + rule.TINY))
+                scale = outputs[2][1] + rule.TINY
+                now, left = (float(outputs[2][k] / scale) for k in (0, 2))
             u, carried = u - outputs[0], outputs[1]
-            if rule.finished(now, last, self.program.quadratic):
+            if rule.finished(now, last, left, self.program.quadratic):
                 return outputs, u, carried, iteration + 1
             last = now
         return outputs, u, carried, 0
-
-
-def compile_field(function: ca.Function) -> Any:
-    """A CasADi function of two columns as a fast Python callable (a, b) -> output column."""
-    code = MachineCode(field_ir(function, lanes=1, fused=machine_has_fused_products()))
-    pointer = ctypes.c_void_p
-    evaluate = code.function("evaluate", pointer, pointer, pointer)
-    size = function.numel_out(0)
-
-    def call(first: FloatArray, second: FloatArray) -> FloatArray:
-        a, b, output = np.ascontiguousarray(first), np.ascontiguousarray(second), np.empty(size)
-        evaluate(a.ctypes.data, b.ctypes.data, output.ctypes.data)
-        return output
-
-    call.code = code  # type: ignore[attr-defined]
-    return call

@@ -1,10 +1,11 @@
-"""The loop over steps as one LLVM function with a fixed skeleton.
+"""The loop over stages as one LLVM function with a fixed skeleton.
 
-    for step { guess; while not converged { newton }; advance; check; store every n-th }
+    for stage { guess; while not converged { newton }; advance; check; store every n-th }
 
-Operations that depend only on parameters are computed before the loop, those that depend only on
-the state before the Newton iteration. Written for any number of lanes W; lanes that have converged
-or failed are frozen, so every lane computes what it would compute alone.
+A step is one stage or, in a composition, one after the other. Operations that depend only on
+parameters are computed before the loop, those that depend only on the state before the Newton
+iteration. Written for any number of lanes W; lanes that have converged or failed are frozen, so
+every lane computes what it would compute alone.
 """
 
 from __future__ import annotations
@@ -13,10 +14,11 @@ import casadi as ca
 
 from groupoid_gni.codegen import newton_rule as rule
 from groupoid_gni.codegen.elementary import sine_cosine_function
-from groupoid_gni.codegen.emitter import Emitter, Values
+from groupoid_gni.codegen.emitter import Emitter, Values, double_text
 from groupoid_gni.codegen.machine import LARGE_PROGRAM
 from groupoid_gni.codegen.tape import Tape
-from groupoid_gni.discretization.step_program import HISTORY, StepProgram
+from groupoid_gni.codegen.warm_start import extrapolation_weights
+from groupoid_gni.discretization.step_program import StepProgram
 from groupoid_gni.outcomes import Outcome
 
 _UPDATE, _CARRIED, _MEASURE, _NEXT, _ARROWS, _GUARDS, _FINITE = range(7)
@@ -28,21 +30,20 @@ _BLOCK_LENGTH = 500
 def step_function(program: StepProgram) -> ca.Function:
     """The program as one function, outputs dense.
 
-    (parameters, state, unknowns, carried, later) ->
-    (update, next carried, (work, energy), next state, arrow velocities, guards, finite).
+    (parameters, (state, given), unknowns, carried, later) ->
+    (update, next carried, (work, energy, left), next state, arrow velocities, guards, finite).
     """
     outputs = [
         program.update,
         program.next_carried,
-        ca.vertcat(program.work, program.energy),
+        ca.vertcat(program.work, program.energy, program.left),
         program.next_state,
         program.arrow_velocities,
         ca.vertcat(*[guard.value for guard in program.guards]),
         program.finite,
     ]
-    inputs = [
-        program.parameters, program.state, program.unknowns, program.carried, program.later
-    ]
+    state = ca.vertcat(program.state, program.given)
+    inputs = [program.parameters, state, program.unknowns, program.carried, program.later]
     return ca.Function("step", inputs, ca.cse([ca.densify(o) for o in outputs]))
 
 
@@ -92,11 +93,14 @@ def _store(e: Emitter, value: str, pointer: str, index: str) -> None:
 class _StepKernel:
     """Builds ``i64 @advance(parameters, state, memory, rows, status, first, count, every)``.
 
-    parameters, state : W values per entry.  memory : the unknowns of the last steps, the
+    ``first``, ``count`` and ``every`` count stages.
+    parameters, state : W values per entry.  memory : the unknowns of the last stages, the
     carried values, the running count of Newton iterations.  rows : room for the saved nodes.
-    status : one i64 per lane, the outcome code, then one per lane, the step at which it failed.
-    Returns the steps done: one lane stops at its failure, several lanes always do ``count`` steps,
-    those that fail frozen.
+    status : one i64 per lane, the outcome code, then one per lane, the stage at which it failed.
+    A program with control inputs takes one argument more, the inputs of all steps from the very
+    first, W values per entry.
+    Returns the stages done: one lane stops at its failure, several lanes always do ``count``
+    stages, those that fail frozen.
     """
 
     def __init__(self, program: StepProgram, lanes: int, fused: bool) -> None:
@@ -106,6 +110,7 @@ class _StepKernel:
         self.state_size = program.layout.size
         self.unknown_size = program.unknowns.numel()
         self.memory_size = program.memory_size
+        self.history = program.history
         self.values = Values(self.tape, self.e)
         self.phis: dict[str, list[str]] = {}
 
@@ -116,12 +121,33 @@ class _StepKernel:
         self._head()
         self._advance(*(self._newton() if self.unknown_size else self._no_newton()))
         self._leave()
+        controls = ", ptr %controls" if self.program.control_size else ""
         head = (
             "define i64 @advance(ptr %parameters, ptr %state, ptr %memory, ptr %rows, "
-            "ptr %status, i64 %first, i64 %count, i64 %every) {"
+            f"ptr %status, i64 %first, i64 %count, i64 %every{controls}) {{"
         )
         body = [line for entry in e.lines for line in self.phis.get(entry, [entry])]
-        return _module(e, [head, "entry:", *body, "}"])
+        return _module(e, [*self._tables(), head, "entry:", *body, "}"])
+
+    def _tables(self) -> list[str]:
+        """Fractions and weights of the warm start by stage, for a composition."""
+        if self.program.stages == 1:
+            return []
+        rows = {"fractions": self.program.fractions}
+        weights = extrapolation_weights(self.program.fractions)
+        for age in range(self.history if self.unknown_size else 0):
+            rows[f"weights{age}"] = tuple(row[age] for row in weights)
+        return [
+            f"@{name} = internal constant [{len(values)} x double] ["
+            + ", ".join(f"double {double_text(v)}" for v in values) + "]"
+            for name, values in rows.items()
+        ]
+
+    def _by_stage(self, table: str) -> str:
+        """The entry of a table that belongs to the current stage, in every lane."""
+        e = self.e
+        address = e.assign(f"getelementptr double, ptr @{table}, i64 %stage")
+        return e.splat(e.assign(f"load double, ptr {address}, align 8"))
 
     def _place_phis(self, block: str) -> None:
         """Mark where the phi nodes of a block go; their incoming names are known only later."""
@@ -142,6 +168,8 @@ class _StepKernel:
         self.start_memory = [_load(e, "%memory", i) for i in range(self.memory_size)]
         if e.lanes > 1:
             self.start_alive = self._alive_from_status()
+        if self.program.stages > 1:
+            self.first_stage = e.assign(f"srem i64 %first, {self.program.stages}")
         done_before = e.assign("srem i64 %first, %every")
         self.first_due = e.assign(f"sub i64 %every, {done_before}")
         self.entry_end = e.block
@@ -162,7 +190,19 @@ class _StepKernel:
         e.line("%more = icmp slt i64 %k, %count")
         e.line("br i1 %more, label %step, label %leave")
         e.label("step")
-        self.values.bind_input(1, self.state)
+        self.values.bind_input(1, [*self.state, *self._given()])
+
+    def _given(self) -> list[str]:
+        """The fraction of the stage and the control inputs of the step."""
+        e, program = self.e, self.program
+        names = [self._by_stage("fractions")] if program.stages > 1 else []
+        if program.control_size:
+            stage = e.assign("add i64 %first, %k")
+            step = e.assign(f"sdiv i64 {stage}, {program.stages}")
+            entry = e.assign(f"mul i64 {step}, {program.control_size}")
+            inputs = e.assign(f"getelementptr {e.type}, ptr %controls, i64 {entry}")
+            names += [_load(e, inputs, i) for i in range(program.control_size)]
+        return names
 
     def _no_newton(self) -> tuple[Values, list[str], str | None]:
         return self.values, self.memory, None
@@ -176,7 +216,8 @@ class _StepKernel:
         e, n = self.e, self.unknown_size
         needed = self.tape.needed([_UPDATE, _CARRIED, _MEASURE])
         self.values.emit(needed, [_STATE])
-        starts = [*[self._extrapolate(i) for i in range(n)], *self.memory[HISTORY * n : -1]]
+        kept = self.history * n
+        starts = [*self._extrapolated(), *self.memory[kept:-1]]
         step_end = e.block
         e.line("br label %newton")
         e.label("newton")
@@ -204,7 +245,7 @@ class _StepKernel:
             self._phi("newton", "%busy", e.flag_type, ("%alive", step_end), (busy, newton_end))
         e.label("settled")
         converged = self._not(busy)
-        return inner, [*new[:n], *self.memory[: (HISTORY - 1) * n], *new[n:], total], converged
+        return inner, [*new[:n], *self.memory[: kept - n], *new[n:], total], converged
 
     def _unless_finished(self, busy: str, new: list[str], old: list[str]) -> list[str]:
         """Inputs of the next iteration; a lane that is done repeats its last one, bit for bit."""
@@ -217,13 +258,21 @@ class _StepKernel:
         true = "true" if e.lanes == 1 else "<" + ", ".join(["i1 true"] * e.lanes) + ">"
         return e.assign(f"xor {e.flag_type} {flag}, {true}")
 
-    def _extrapolate(self, i: int) -> str:
-        """Extrapolation of an unknown from its values in the last steps."""
+    def _extrapolated(self) -> list[str]:
+        """Extrapolation of the unknowns from their values in the last stages."""
         e, n = self.e, self.unknown_size
-        guess = e.binary("fmul", self.memory[i], e.constant(rule.EXTRAPOLATION[0]))
-        for k, weight in enumerate(rule.EXTRAPOLATION[1:], start=1):
-            guess = e.multiply_add(self.memory[k * n + i], e.constant(weight), guess)
-        return guess
+        if self.program.stages == 1:
+            (row,) = extrapolation_weights(self.program.fractions)
+            weights = [e.constant(w) for w in row]
+        else:
+            weights = [self._by_stage(f"weights{age}") for age in range(self.history)]
+        guesses = []
+        for i in range(n):
+            guess = e.binary("fmul", self.memory[i], weights[0])
+            for k, weight in enumerate(weights[1:], start=1):
+                guess = e.multiply_add(self.memory[k * n + i], weight, guess)
+            guesses.append(guess)
+        return guesses
 
     def _iterate(self, inner: Values, unknowns: list[str]) -> tuple[list[str], str, str, str]:
         """One update: new unknowns and carried values, e^2, running count, and a flag per lane.
@@ -231,9 +280,13 @@ class _StepKernel:
         The flag tells whether the lane is still busy.
         """
         e = self.e
-        work, energy = inner.output(_MEASURE)
-        error = e.binary("fdiv", work, e.binary("fadd", energy, e.constant(rule.TINY)))
-        busy = self._not(self._finished(error))
+        work, energy, left = inner.output(_MEASURE)
+        scale = e.binary("fadd", energy, e.constant(rule.TINY))
+        error = e.binary("fdiv", work, scale)
+        settled = None
+        if not self.program.left.is_zero():
+            settled = e.compare("ole", left, e.binary("fmul", scale, e.constant(rule.LEFT)))
+        busy = self._not(self._finished(error, settled))
         n = self.unknown_size
         new = [
             e.binary("fsub", u, d)
@@ -261,8 +314,8 @@ class _StepKernel:
         again = e.assign(f"and i1 {keep_going}, {left}")
         e.line(f"br i1 {again}, label %newton, label %settled")
 
-    def _finished(self, error: str) -> str:
-        """``newton_rule.finished`` as flags."""
+    def _finished(self, error: str, settled: str | None) -> str:
+        """``newton_rule.finished`` as flags; ``settled``: nothing is left in the next state."""
         e = self.e
         at_floor = e.compare("ole", error, e.constant(rule.AT_ROUND_OFF))
         power, last = e.binary("fmul", error, error), "%t"
@@ -270,6 +323,8 @@ class _StepKernel:
             power, last = e.binary("fmul", power, error), e.binary("fmul", "%t", "%t")
         bound = e.binary("fmul", last, e.constant(rule.PREDICTED))
         predicted = e.compare("ole", power, bound)
+        if settled is not None:
+            predicted = e.assign(f"and {e.flag_type} {predicted}, {settled}")
         slow = e.compare("oge", error, e.binary("fmul", "%t", e.constant(rule.STAGNATION)))
         low = e.compare("ole", error, e.constant(rule.STAGNATION_LEVEL))
         stagnated = e.assign(f"and {e.flag_type} {slow}, {low}")
@@ -301,6 +356,8 @@ class _StepKernel:
         entry = self.entry_end
         self._phi("head", "%k", "i64", ("0", entry), ("%k1", "saved"))
         self._phi("head", "%due", "i64", (self.first_due, entry), ("%due1", "saved"))
+        if self.program.stages > 1:
+            self._phi("head", "%stage", "i64", (self.first_stage, entry), ("%stage1", "saved"))
         self._phi("head", "%row", "ptr", ("%rows", entry), ("%row1", "saved"))
         carried = zip(
             [*self.state, *self.memory],
@@ -391,6 +448,10 @@ class _StepKernel:
         e.label("saved")
         e.line(f"%row1 = phi ptr [ %row, %next ], [ {after}, %save ]")
         e.line(f"%due1 = phi i64 [ %due, %next ], [ {later}, %save ]")
+        if self.program.stages > 1:
+            following = e.assign("add i64 %stage, 1")
+            full = e.assign(f"icmp eq i64 {following}, {self.program.stages}")
+            e.line(f"%stage1 = select i1 {full}, i64 0, i64 {following}")
 
     def _leave(self) -> None:
         e = self.e

@@ -10,6 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 from groupoid_gni.array_types import Array
 from groupoid_gni.groupoids import LieGroupoid
@@ -24,6 +25,9 @@ class DiscreteLagrangian(ABC):
     NumPy without branches on values. Make it a frozen dataclass: methods are keys of the compiled
     code.
     """
+
+    force_weights: ClassVar[tuple[float, float]] = (0.5, 0.5)
+    """Shares of an external force that act at the source and at the target of the arrow."""
 
     @abstractmethod
     def average(
@@ -57,6 +61,12 @@ class Adjoint(DiscreteLagrangian):
 
     original: DiscreteLagrangian
 
+    @property
+    def force_weights(self) -> tuple[float, float]:  # type: ignore[override]
+        """Those of the original, exchanged."""
+        first, second = self.original.force_weights
+        return second, first
+
     def average(
         self,
         lagrangian: Lagrangian,
@@ -78,6 +88,8 @@ class Adjoint(DiscreteLagrangian):
 class EulerA(DiscreteLagrangian):
     """``L_d = h L(x0, xi)``, equation (10); order 1, adjoint of Euler B (Theorem 5.4)."""
 
+    force_weights = (1.0, 0.0)
+
     def average(
         self,
         lagrangian: Lagrangian,
@@ -98,6 +110,8 @@ class EulerA(DiscreteLagrangian):
 @dataclass(frozen=True)
 class EulerB(DiscreteLagrangian):
     """``L_d = h L(x1, xi)``, equation (10); order 1, adjoint of Euler A (Theorem 5.4)."""
+
+    force_weights = (0.0, 1.0)
 
     def average(
         self,

@@ -57,6 +57,13 @@ def solve_linear(matrix: ca.SX, right_hand_side: ca.SX) -> ca.SX:
     return solution
 
 
+def symmetric_inverse(matrix: ca.SX) -> ca.SX:
+    """The inverse of a symmetric matrix, exactly symmetric, (n, n)."""
+    inverse = solve_linear(matrix, ca.SX.eye(matrix.size1()))
+    above = ca.triu(inverse, False)
+    return ca.sparsify(ca.diag(ca.diag(inverse)) + above + above.T)
+
+
 def _cramer(matrix: ca.SX, right_hand_side: ca.SX) -> ca.SX:
     """Adjugate over determinant for n <= 3."""
     n = matrix.size1()
@@ -146,6 +153,18 @@ def _back_substitute(rows: list[Row], order: list[int], n: int, k: int) -> ca.SX
 def cholesky(matrix: ca.SX) -> tuple[ca.SX, list[Any]]:
     """Lower factor L with ``L L^T = matrix``, and its pivots L_ii^2, which need no square root."""
     n = matrix.size1()
+    unit, pivots = unit_triangular_factor(matrix)
+    roots = [ca.sqrt(pivot) for pivot in pivots]
+    lower = ca.SX(n, n)
+    for i in range(n):
+        for j in range(i + 1):
+            lower[i, j] = unit[i, j] * roots[j]
+    return lower, pivots
+
+
+def unit_triangular_factor(matrix: ca.SX) -> tuple[ca.SX, list[Any]]:
+    """L with ones on its diagonal and the pivots D of ``L D L^T = matrix``."""
+    n = matrix.size1()
     unit = ca.SX.eye(n)
     pivots: list[Any] = []
     for i in range(n):
@@ -155,12 +174,7 @@ def cholesky(matrix: ca.SX) -> tuple[ca.SX, list[Any]]:
             scaled.append(matrix[i, j] - rest)
             unit[i, j] = scaled[j] / pivots[j]
         pivots.append(matrix[i, i] - sum((scaled[k] * unit[i, k] for k in range(i)), ca.SX(0)))
-    roots = [ca.sqrt(pivot) for pivot in pivots]
-    lower = ca.SX(n, n)
-    for i in range(n):
-        for j in range(i + 1):
-            lower[i, j] = unit[i, j] * roots[j]
-    return lower, pivots
+    return unit, pivots
 
 
 def determinant(matrix: ca.SX) -> ca.SX:

@@ -16,36 +16,31 @@ import numpy as np
 
 from groupoid_gni.array_types import Array
 from groupoid_gni.discretization.discrete_lagrangians import DiscreteLagrangian
-from groupoid_gni.discretization.elimination import coupled_groups, solve_linear
+from groupoid_gni.discretization.elimination import (
+    coupled_groups,
+    solve_linear,
+    symmetric_inverse,
+)
+from groupoid_gni.discretization.flight import Flight, FlightRule
 from groupoid_gni.discretization.system_expressions import SystemExpressions
 from groupoid_gni.errors import InputError
 from groupoid_gni.expressions import RecordedFunction, record
 
 
 @dataclass(frozen=True)
-class Flight:
-    """The expressions of one flight from (x0, p0) over the time h.
+class VariationalFlight(Flight):
+    """The flight of a discrete Lagrangian: one arrow ``retract(x0, h xi)``.
 
-    unknowns : the velocity components that need a solver, as symbols; may be empty.
-    implicit : their indices.  jacobian : (r, r), of all equations; the components that need a
-        solver are not coupled with the others.
-    update : their Newton update (current minus better value).
-    work : sum of |residual * update|, the squared error of the current values as an energy.
+    implicit : indices of the unknown velocity components.  jacobian : (r, r), of all equations; the
+        components that need a solver are not coupled with the others.
     velocity : xi, explicit components solved for and implicit ones after the Newton update.
-    arrow : ``h xi``.  target, momentum : x1 and ``FL+(g)`` at that velocity.
-    energy : sum of |xi * dl/dxi|, the scale of ``work``.
+    arrow : ``h xi``.
     """
 
-    unknowns: ca.SX
     implicit: tuple[int, ...]
     jacobian: ca.SX
-    update: ca.SX
-    work: ca.SX
     velocity: ca.SX
     arrow: ca.SX
-    target: ca.SX
-    momentum: ca.SX
-    energy: ca.SX
 
     def response(self, dp: ca.SX) -> ca.SX:
         """Change of the unknowns when p0 changes by the columns of dp, to first order."""
@@ -57,12 +52,19 @@ class Flight:
         return solve_linear(self.jacobian, dp)
 
 
-class FreeFlight:
-    """The free step of a discrete Lagrangian, ready to be placed anywhere in a step."""
+class FreeFlight(FlightRule):
+    """The free step of a discrete Lagrangian, forced by the discrete Lagrange-d'Alembert rule.
+
+    The virtual work of an external force f over a step is ``h w0 <f(x0, xi), .>`` at the source and
+    ``h w1 <f(x1, xi), .>`` at the target, (w0, w1) the ``force_weights`` of the discrete
+    Lagrangian; so the forced Legendre transforms are ``FL- - h w0 f(x0, xi)`` and
+    ``FL+ + h w1 f(x1, xi)``.
+    """
 
     def __init__(self, expressions: SystemExpressions, discrete: DiscreteLagrangian) -> None:
         self._expressions = expressions
         self._name = str(discrete)
+        self._weights = discrete.force_weights
         self._gradients = _gradients_of_average(expressions, discrete)
 
     def legendre_minus(self, x0: ca.SX, xi: ca.SX, h: ca.SX, theta: ca.SX) -> ca.SX:
@@ -70,7 +72,9 @@ class FreeFlight:
         e = self._expressions
         by_source, _, by_velocity = self._gradients(x0, e.target(x0, h * xi), xi, h, theta)
         moved = ca.mtimes(e.tangent_minus(x0, h * xi).T, by_velocity)
-        return -(h * ca.mtimes(e.anchor(x0).T, by_source) + moved) if e.base_size else -moved
+        if e.base_size:
+            moved += h * ca.mtimes(e.anchor(x0).T, by_source)
+        return -(moved + self._push(0, x0, xi, h, theta))
 
     def legendre_plus(self, x0: ca.SX, xi: ca.SX, h: ca.SX, theta: ca.SX) -> ca.SX:
         """``FL+(g)`` in A* at the target."""
@@ -78,9 +82,20 @@ class FreeFlight:
         x1 = e.target(x0, h * xi)
         _, by_target, by_velocity = self._gradients(x0, x1, xi, h, theta)
         moved = ca.mtimes(e.tangent_plus(x0, h * xi).T, by_velocity)
-        return h * ca.mtimes(e.anchor(x1).T, by_target) + moved if e.base_size else moved
+        if e.base_size:
+            moved = h * ca.mtimes(e.anchor(x1).T, by_target) + moved
+        return moved + self._push(1, x1, xi, h, theta)
 
-    def from_momentum(self, x0: ca.SX, p0: ca.SX, h: ca.SX, theta: ca.SX, name: str) -> Flight:
+    def _push(self, end: int, x: ca.SX, xi: ca.SX, h: ca.SX, theta: ca.SX) -> ca.SX:
+        """Impulse of the external force at the source (0) or the target (1)."""
+        weight = self._weights[end]
+        if not (weight and self._expressions.system.has("force")):
+            return ca.SX(self._expressions.rank, 1)
+        return weight * h * self._expressions.force(x, xi, theta)
+
+    def from_momentum(
+        self, x0: ca.SX, p0: ca.SX, h: ca.SX, theta: ca.SX, name: str
+    ) -> VariationalFlight:
         """The flight with ``FL-(g) = p0``, one Newton update included.
 
         Groups of components whose equations are affine with a Jacobian free of xi are solved here,
@@ -103,7 +118,7 @@ class FreeFlight:
                 implicit.extend(group)
                 continue
             at_rest = ca.substitute(residual[group, 0], xi[group, 0], ca.SX.zeros(len(group), 1))
-            velocity[group, 0] = -solve_linear(block, at_rest)
+            velocity[group, 0] = -_solved(block, at_rest, theta)
         implicit.sort()
         block = jacobian[implicit, implicit]
         update = solve_linear(block, residual[implicit, 0])
@@ -111,8 +126,13 @@ class FreeFlight:
         arrow = h * velocity
         target = e.target(x0, arrow)
         by_velocity = self._gradients(x0, target, velocity, h, theta)[2]
-        return Flight(
+        pushed = sum(
+            (self._push(end, x, velocity, h, theta) for end, x in enumerate((x0, target))),
+            ca.SX(e.rank, 1),
+        )
+        return VariationalFlight(
             unknowns=xi[implicit, 0],
+            guess=lambda x, p: e.velocity(x, p, theta)[implicit, 0],
             implicit=tuple(implicit),
             jacobian=jacobian,
             update=update,
@@ -122,7 +142,19 @@ class FreeFlight:
             target=target,
             momentum=self.legendre_plus(x0, velocity, h, theta),
             energy=ca.sum1(ca.fabs(velocity * by_velocity)),
+            pieces=((x0, arrow),),
+            velocities=velocity,
+            force_work=ca.dot(pushed, velocity),
         )
+
+
+
+def _solved(block: ca.SX, right_hand_side: ca.SX, theta: ca.SX) -> ca.SX:
+    """Solve for explicit components; by the inverse, as ``raised`` does, where it is constant."""
+    constants = {symbol.element_hash() for symbol in ca.symvar(theta)}
+    if all(symbol.element_hash() in constants for symbol in ca.symvar(block)):
+        return ca.mtimes(symmetric_inverse(block), right_hand_side)
+    return solve_linear(block, right_hand_side)
 
 
 def _gradients_of_average(

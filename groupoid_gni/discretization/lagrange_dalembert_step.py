@@ -19,11 +19,8 @@ from groupoid_gni.discretization.discrete_constraints import DiscreteConstraint
 from groupoid_gni.discretization.discrete_lagrangians import DiscreteLagrangian
 from groupoid_gni.discretization.elimination import solve_linear
 from groupoid_gni.discretization.free_flight import FreeFlight
-from groupoid_gni.discretization.nonholonomic_step import (
-    StepInputs,
-    reconstructed_part,
-    reconstruction,
-)
+from groupoid_gni.discretization.nonholonomic_step import accumulated_parts
+from groupoid_gni.discretization.step_inputs import StepInputs
 from groupoid_gni.discretization.step_program import Guard, StateLayout, StepProgram
 from groupoid_gni.discretization.system_expressions import Node, SystemExpressions
 from groupoid_gni.expressions import RecordedFunction, record
@@ -139,7 +136,8 @@ def lagrange_dalembert_program(
     departure = _Departure(e, inputs, x, p, node, free, on_arrow)
     pose = ca.SX(0, 1)
     if reconstruct:
-        pose = reconstruction(e, state, layout, e.retract(x0, inputs.h * xi))
+        carried = state[layout.slices["reconstructed"]]
+        pose = e.continue_arrow(carried, e.retract(x0, inputs.h * xi))
     arrived = (x, p, before, pose)
     guards = inputs.conditioning(last, node)
     start = _start(e, inputs, layout, free, on_arrow)
@@ -150,7 +148,7 @@ def _layout(e: SystemExpressions, reconstruct: bool) -> StateLayout:
     momenta = {"momentum": e.rank, "before": e.rank, "after": e.rank}
     leaving = {"leaving": e.rank, "on_arrow": e.constraint_count}
     return StateLayout.of(
-        {"base": e.base_size, **momenta, **leaving, **reconstructed_part(e, reconstruct)}
+        {"base": e.base_size, **momenta, **leaving, **accumulated_parts(e, reconstruct)}
     )
 
 

@@ -8,7 +8,10 @@ from typing import Any
 import casadi as ca
 
 HISTORY = 5
-"""Steps whose unknowns are remembered for the warm start."""
+"""Steps whose unknowns are remembered for the warm start of a step of one stage."""
+
+STAGE_HISTORY = 12
+"""Stages whose unknowns are remembered for the warm start of a composition."""
 
 
 @dataclass(frozen=True)
@@ -18,9 +21,9 @@ class StateLayout:
     ``slices`` maps a part's name to its slice; ``size`` is the total length. The parts are
     ``base``, ``before`` and ``after`` (momenta at the node before and after the impact; one and the
     same slice for a projected step), and optionally ``impulses`` and ``parasitic`` (monitor of the
-    two-step methods), ``momentum`` (of the node), ``leaving`` and ``on_arrow`` (velocity and
-    discrete constraint of the arrow that leaves; the Lagrange-d'Alembert method) and
-    ``reconstructed`` (the arrow accumulated in the loop).
+    methods without projection), ``momentum`` (of the node), ``leaving`` and ``on_arrow`` (velocity
+    and discrete constraint of the arrow that leaves; the Lagrange-d'Alembert method), ``work`` (of
+    the external force) and ``reconstructed`` (the arrow accumulated in the loop).
     """
 
     slices: dict[str, slice]
@@ -65,9 +68,10 @@ class Guard:
 
 @dataclass(frozen=True)
 class StepProgram:
-    """The expressions of one step, as a fixed-point iteration and what follows from it.
+    """The expressions of one stage, as a fixed-point iteration and what follows from it.
 
-    All are functions of (parameters, state, unknowns, carried, later).
+    All are functions of (parameters, state and given, unknowns, carried, later). A step is one
+    stage, or a composition: the same stage once for every entry of ``fractions``.
 
     parameters : physical parameters, then the step size, then the constraint scales.
     state : see ``layout``.
@@ -83,6 +87,11 @@ class StepProgram:
     first_guess, first_carried : for the first step, from parameters and state only.
     start : a program of the same layout whose one step completes a start of which only base,
         momenta and pose are known; None where nothing is missing.
+    fractions : sizes of the stages in units of the step.
+    given : what a stage is told besides its state: its fraction, in a composition; then the control
+        inputs of the step, ``control_size`` of them.
+    left : ``left / energy`` is the squared relative error that the current unknowns leave in the
+        next state; zero where the next state is an expression of the updated unknowns only.
     """
 
     parameters: ca.SX
@@ -103,11 +112,25 @@ class StepProgram:
     guards: tuple[Guard, ...] = field(default=())
     finite: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     start: StepProgram | None = None
+    fractions: tuple[float, ...] = (1.0,)
+    given: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
+    control_size: int = 0
+    left: ca.SX = field(default_factory=lambda: ca.SX(0))
+
+    @property
+    def stages(self) -> int:
+        """Stages of a step."""
+        return len(self.fractions)
+
+    @property
+    def history(self) -> int:
+        """Stages whose unknowns are remembered."""
+        return HISTORY if self.stages == 1 else STAGE_HISTORY
 
     @property
     def memory_size(self) -> int:
-        """Unknowns of the last steps, carried values, Newton count."""
-        return HISTORY * self.unknowns.numel() + self.carried.numel() + 1
+        """Unknowns of the last stages, carried values, Newton count."""
+        return self.history * self.unknowns.numel() + self.carried.numel() + 1
 
     @property
     def row_size(self) -> int:

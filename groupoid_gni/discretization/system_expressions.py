@@ -11,7 +11,13 @@ from functools import cached_property
 
 import casadi as ca
 
-from groupoid_gni.discretization.elimination import cholesky, solve_linear, solve_lower, solve_upper
+from groupoid_gni.discretization.elimination import (
+    cholesky,
+    solve_linear,
+    solve_lower,
+    solve_upper,
+    symmetric_inverse,
+)
 from groupoid_gni.expressions import RecordedFunction, record
 from groupoid_gni.systems import MechanicalSystem
 
@@ -47,7 +53,7 @@ class Node:
     def __init__(self, expressions: SystemExpressions, x: ca.SX, theta: ca.SX) -> None:
         self.metric = expressions.metric(x, theta)
         self.mu = expressions.constraints(x, theta)
-        self.normal = solve_linear(self.metric, self.mu.T)
+        self.normal = expressions.raised(x, self.mu.T, theta)
         self.gram = ca.mtimes(self.mu, self.normal)
         self.lower, self.pivots = cholesky(self.gram)
         self.metric_pivots = [] if expressions.metric_is_constant else cholesky(self.metric)[1]
@@ -102,6 +108,7 @@ class SystemExpressions:
         self.base_size = system.space.base_size
         self.constraint_count = len(active_rows)
         self.parameter_size = system.parameter_layout.size
+        self.controls = ca.SX.sym("controls", system.control_size)
 
     def _of_space(self, name: str, inputs: dict[str, tuple[int, ...]], shape: tuple[int, ...],
                   ) -> RecordedFunction:
@@ -176,9 +183,17 @@ class SystemExpressions:
         """The arrow ``retract(x, eta)``, flat."""
         return self._retract.call_sx(x, eta)
 
+    def multiply(self, first: ca.SX, then: ca.SX) -> ca.SX:
+        """The product of two composable arrows."""
+        return self._multiply.call_sx(first, then)
+
+    def restore_arrow(self, arrow: ca.SX) -> ca.SX:
+        """An arrow moved back onto the groupoid by one Newton step (round-off only)."""
+        return self._restore_arrow.call_sx(arrow)
+
     def continue_arrow(self, arrow: ca.SX, then: ca.SX) -> ca.SX:
         """``W_{k+1} = W_k g_k`` (Remark 7.2), kept on the groupoid to round-off."""
-        return self._restore_arrow.call_sx(self._multiply.call_sx(arrow, then))
+        return self.restore_arrow(self.multiply(arrow, then))
 
     def tangent_plus(self, x: ca.SX, eta: ca.SX) -> ca.SX:
         """B+ at the arrow ``retract(x, eta)``, (r, r)."""
@@ -187,6 +202,11 @@ class SystemExpressions:
     def tangent_minus(self, x: ca.SX, eta: ca.SX) -> ca.SX:
         """B- at the arrow ``retract(x, eta)``, (r, r)."""
         return as_matrix(self._minus.call_sx(x, eta), self.rank, self.rank)
+
+    def transport(self, x: ca.SX, eta: ca.SX, p: ca.SX) -> ca.SX:
+        """``-B+^T B-^-T p``: a momentum carried along ``retract(x, eta)``; Ad* on a group."""
+        carried = solve_linear(self.tangent_minus(x, eta).T, p)
+        return -ca.mtimes(self.tangent_plus(x, eta).T, carried)
 
     def anchor(self, x: ca.SX) -> ca.SX:
         """The anchor rho(x), (base_size, r)."""
@@ -221,6 +241,11 @@ class SystemExpressions:
             return ca.SX(0)
         return self.system.recorded("potential").call_sx(x, theta)
 
+    def force(self, x: ca.SX, xi: ca.SX, theta: ca.SX) -> ca.SX:
+        """The external force f(x, xi) in A*_x G, (r,), at the control inputs ``controls``."""
+        recorded = self.system.recorded("force")
+        return ca.sparsify(recorded.call_sx(x, xi, theta, self.controls))
+
     def delicate_potential(self, x: ca.SX, theta: ca.SX) -> ca.SX:
         """V(x) where it may stop being a number while its gradient goes on; else nothing."""
         if not self.system.has("potential"):
@@ -253,7 +278,19 @@ class SystemExpressions:
 
     def velocity(self, x: ca.SX, p: ca.SX, theta: ca.SX) -> ca.SX:
         """``G^-1 (p - A)``, the inverse Legendre transform."""
-        return solve_linear(self.metric(x, theta), p - self.section("gyroscopic", x, theta))
+        return self.raised(x, p - self.section("gyroscopic", x, theta), theta)
+
+    def raised(self, x: ca.SX, q: ca.SX, theta: ca.SX) -> ca.SX:
+        """``G_x^-1 q`` for columns q.
+
+        A constant metric is inverted once and for all, so that velocities and reflections use the
+        same rounded G^-1: solved for twice, its two roundings made the energy of long runs drift by
+        3e-16 a step.
+        """
+        metric = self.metric(x, theta)
+        if not self.metric_is_constant:
+            return solve_linear(metric, q)
+        return ca.mtimes(symmetric_inverse(metric), q)
 
     def energy(self, x: ca.SX, p: ca.SX, theta: ca.SX) -> ca.SX:
         """``<p, xi> - L`` at the velocity of p."""
@@ -279,6 +316,8 @@ class SystemExpressions:
             force = ca.mtimes(self.anchor(x).T, self.base_gradient(x, xi, theta))
         structure = as_matrix(self._bracket.call_sx(x), r, r * r)
         force += ca.mtimes(as_matrix(ca.mtimes(p.T, structure).T, r, r).T, xi)
+        if self.system.has("force"):
+            force += self.force(x, xi, theta)
         return ca.mtimes(self.anchor(x), xi) if self.base_size else ca.SX(0, 1), force
 
     def multipliers(self, x: ca.SX, p: ca.SX, theta: ca.SX) -> ca.SX:

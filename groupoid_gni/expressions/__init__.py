@@ -7,6 +7,7 @@ of a squared angle.
 
 from groupoid_gni.expressions.array import RecordedArray, is_recorded
 from groupoid_gni.expressions.conversion import from_sx, symbols, to_sx, to_sx_matrix
+from groupoid_gni.expressions.differences import discrete_gradient, has_exact_differences
 from groupoid_gni.expressions.entire_functions import (
     arctan_ratio,
     cos_of_square,
@@ -29,9 +30,11 @@ __all__ = [
     "arctan_ratio",
     "array",
     "cos_of_square",
+    "discrete_gradient",
     "from_sx",
     "half_cotangent_defect_derivative",
     "half_cotangent_defect_of_square",
+    "has_exact_differences",
     "is_recorded",
     "record",
     "series_guarded",

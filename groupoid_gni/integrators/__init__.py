@@ -8,20 +8,24 @@ from groupoid_gni.integrators.marching import compiled_step, machine_code
 from groupoid_gni.integrators.methods import (
     GNI,
     DiscreteLagrangeDAlembert,
+    McLachlanPerlmutter,
     Method,
     ReferenceFlow,
-    Variational,
+    SymmetricProjection,
 )
 from groupoid_gni.integrators.one_arrow import next_arrow
+from groupoid_gni.integrators.step_functions import step_function
 
 __all__ = [
     "GNI",
     "DiscreteLagrangeDAlembert",
+    "McLachlanPerlmutter",
     "Method",
     "ReferenceFlow",
-    "Variational",
+    "SymmetricProjection",
     "compiled_step",
     "integrate",
     "machine_code",
     "next_arrow",
+    "step_function",
 ]

@@ -6,6 +6,7 @@ import numpy as np
 
 from groupoid_gni.array_types import FloatArray
 from groupoid_gni.systems import MechanicalSystem
+from groupoid_gni.systems.starts import solve_each
 
 
 def constraint_rows_lost(
@@ -16,9 +17,21 @@ def constraint_rows_lost(
     if not dropped:
         return np.zeros(len(momenta), dtype=bool)
     with np.errstate(all="ignore"):
-        velocities = system.velocities(base, momenta)
+        velocities = _on_rows(system, active_rows, base, system.velocities(base, momenta))
         residuals = system.constraint_residuals(base, velocities, relative=True)[:, dropped]
     return np.asarray(np.any(np.abs(residuals) > 1e-8, axis=1))
+
+
+def _on_rows(
+    system: MechanicalSystem, rows: tuple[int, ...], base: FloatArray, velocities: FloatArray
+) -> FloatArray:
+    """The nearest velocities that satisfy the rows kept: a bare step leaves them by its order."""
+    if not rows:
+        return velocities
+    mu = system.evaluate("constraints", base)[:, list(rows)]
+    normal = solve_each(system.evaluate("metric", base), np.swapaxes(mu, 1, 2))
+    violation = np.einsum("nar,nr->na", mu, velocities - system.evaluate("drift", base))
+    return np.asarray(velocities - (normal @ solve_each(mu @ normal, violation[..., None]))[..., 0])
 
 
 def failure_detail(

@@ -9,6 +9,7 @@ from groupoid_gni.errors import InputError, StepFailure
 from groupoid_gni.integrators.marching import run_steps
 from groupoid_gni.integrators.methods import Method, ReferenceFlow
 from groupoid_gni.integrators.requests import (
+    checked_controls,
     checked_count,
     checked_method,
     checked_pose,
@@ -30,6 +31,7 @@ def integrate(
     method: Method | None = None,
     save_every: int = 1,
     reconstruct: ArrayLike | bool | None = None,
+    controls: ArrayLike | None = None,
     compile: bool = True,
     progress: bool = False,
     on_failure: Literal["raise", "return"] = "raise",
@@ -46,6 +48,8 @@ def integrate(
     save_every : keep every n-th node (and the last).
     reconstruct : a pose W_0 (or True for the identity): accumulate ``W_{k+1} = W_k g_k`` in the
         loop and store it with the nodes.
+    controls : (steps, inputs) control inputs of a system with ``controls``, constant over each
+        step; one row is used for every step.
     compile : False runs the same expressions through CasADi's evaluator.
     progress : show a progress bar.
     on_failure : "raise" raises StepFailure with the part computed so far as ``.result``;
@@ -68,15 +72,16 @@ def integrate(
     n = checked_count(h, t_end, n_steps)
     every = checked_whole("save_every", save_every, 1)
     state = checked_start(system, start)
+    pose = checked_pose(system, state, reconstruct)
+    inputs = checked_controls(system, controls, n)
     if isinstance(method, ReferenceFlow):
         from groupoid_gni.integrators.reference_flow import integrate_reference
 
-        if reconstruct is not None:
-            raise InputError("ReferenceFlow has no arrows to reconstruct from; use GNI()")
-        run = integrate_reference(system, state, h, n, method, every, progress, compile)
+        run = integrate_reference(
+            system, state, h, n, method, every, pose, inputs, compile, progress
+        )
     else:
-        pose = checked_pose(system, state, reconstruct)
-        run = run_steps(system, state, h, n, method, every, pose, compile, progress)
+        run = run_steps(system, state, h, n, method, every, pose, inputs, compile, progress)
     if run.outcome < 0 and on_failure == "raise":
         raise StepFailure(run.message, run)
     return run

@@ -19,6 +19,8 @@ from groupoid_gni.discretization import (
     DiscreteLagrangian,
     StepProgram,
     SystemExpressions,
+    bare_program,
+    impulse_program,
     lagrange_dalembert_program,
     projected_program,
     two_step_program,
@@ -29,7 +31,9 @@ from groupoid_gni.integrators.interruption import interruptible
 from groupoid_gni.integrators.methods import (
     GNI,
     DiscreteLagrangeDAlembert,
+    McLachlanPerlmutter,
     SteppingMethod,
+    SymmetricProjection,
 )
 from groupoid_gni.integrators.requests import check_memory
 from groupoid_gni.outcomes import Outcome
@@ -92,17 +96,31 @@ def _program(
     if isinstance(method, DiscreteLagrangian):
         return two_step_program(expressions, method, reconstruct)
     if isinstance(method, DiscreteLagrangeDAlembert):
+        if system.has("force"):
+            raise InputError(
+                "DiscreteLagrangeDAlembert() does not take an external force; use gni.GNI() or a "
+                "discrete Lagrangian such as gni.Rattle()"
+            )
         rule = method.discrete_lagrangian
         if not active_rows:
             return two_step_program(expressions, rule, reconstruct)
         return lagrange_dalembert_program(expressions, rule, method.constraint, reconstruct)
-    first = method.flow.discrete_lagrangian
-    return projected_program(expressions, first, first.adjoint(), reconstruct)
+    outward, homeward = method.flow.flights(expressions)
+    if isinstance(method, McLachlanPerlmutter):
+        return impulse_program(expressions, outward, homeward, method.fractions, reconstruct)
+    if method.projection is None and active_rows:
+        fractions = method.fractions
+        return bare_program(expressions, outward, homeward, fractions, reconstruct)
+    # without constraints a bare step is a projected one, and needs fewer stages
+    fractions = method.fractions if active_rows else replace(
+        method, projection=SymmetricProjection(), table=None
+    ).fractions
+    return projected_program(expressions, outward, homeward, fractions, reconstruct)
 
 
 @dataclass(frozen=True)
 class _Request:
-    """A checked request, ready to run."""
+    """A checked request, ready to run; ``count`` and ``every`` in stages, ``stages`` to a step."""
 
     system: MechanicalSystem
     start: State
@@ -113,6 +131,11 @@ class _Request:
     runner: StepRunner
     parameters: FloatArray
     state: FloatArray
+    controls: FloatArray | None
+
+    @property
+    def stages(self) -> int:
+        return self.runner.program.stages
 
 
 def run_steps(
@@ -123,6 +146,7 @@ def run_steps(
     method: SteppingMethod,
     every: int,
     pose: FloatArray | None,
+    controls: FloatArray | None,
     compile: bool,
     progress: bool,
 ) -> Trajectory:
@@ -130,10 +154,13 @@ def run_steps(
     runner = compiled_step(system, method, start.active_rows, pose is not None, compile)
     check_memory(count // every + 2, runner.program.row_size)
     expressions = SystemExpressions(system, start.active_rows)
-    node = _node_numbers(expressions, start, system.parameter_vector)
+    first = np.zeros(system.control_size) if controls is None else controls[0]
+    node = _node_numbers(expressions, start, system.parameter_vector, first)
     state = _initial_state(runner.program, start, h, node, pose)
     parameters = np.concatenate([system.parameter_vector, [h], node["scales"]])
-    request = _Request(system, start, h, count, every, method, runner, parameters, state)
+    stages = runner.program.stages
+    sizes = (h, stages * count, stages * every)
+    request = _Request(system, start, *sizes, method, runner, parameters, state, controls)
     began = time.perf_counter()
     chunks, outcome, detail, rescued = _march(request, progress)
     seconds = time.perf_counter() - began
@@ -143,7 +170,7 @@ def run_steps(
 
 
 def _node_numbers(
-    expressions: SystemExpressions, start: State, theta: FloatArray
+    expressions: SystemExpressions, start: State, theta: FloatArray, controls: FloatArray
 ) -> dict[str, FloatArray]:
     """C_aa, the constraint force mu^T lambda and the multipliers lambda at the start."""
     if not expressions.constraint_count:
@@ -153,7 +180,7 @@ def _node_numbers(
     kept = expressions.system._compiled
     if key not in kept:
         kept[key] = _node_function(expressions)
-    values = kept[key](start.base, start.momentum, theta)
+    values = kept[key](start.base, start.momentum, theta, controls)
     return dict(
         zip(("scales", "force", "multipliers"), (np.array(v).ravel() for v in values), strict=True)
     )
@@ -165,7 +192,7 @@ def _node_function(expressions: SystemExpressions) -> ca.Function:
     node = expressions.node(x, parameters)
     multipliers = expressions.multipliers(x, p, parameters)
     outputs = [ca.diag(node.gram), ca.mtimes(node.mu.T, multipliers), multipliers]
-    return ca.Function("start", [x, p, parameters], outputs)
+    return ca.Function("start", [x, p, parameters, expressions.controls], outputs)
 
 
 def _initial_state(
@@ -206,8 +233,9 @@ def _march(request: _Request, show: bool) -> tuple[Chunks, Outcome, str, int]:
         return chunks, outcome, _detail(request, begin), 0
     rescued, size = 0, _FIRST_CHUNK
     try:
-        with interruptible() as check, progress_bar(request.count, show) as advance_bar:
-            while (done := chunks[-1][0].step) < request.count:
+        steps = request.count // request.stages
+        with interruptible() as check, progress_bar(steps, show) as advance_bar:
+            while (done := chunks[-1][0].stage) < request.count:
                 check()
                 began = time.perf_counter()
                 outcome = _append_chunk(
@@ -224,10 +252,11 @@ def _march(request: _Request, show: bool) -> tuple[Chunks, Outcome, str, int]:
                     outcome = Outcome.LEFT_BASE
                 if outcome is not Outcome.SUCCESS:
                     return chunks, outcome, _detail(request, chunks[-1][0]), rescued
-                advance_bar(chunks[-1][0].step - done)
+                whole = request.stages
+                advance_bar(chunks[-1][0].stage // whole - done // whole)
     except KeyboardInterrupt:
-        done = chunks[-1][0].step
-        detail = f"Stopped after step {done} of {request.count}."
+        done, count = (n // request.stages for n in (chunks[-1][0].stage, request.count))
+        detail = f"Stopped after step {done} of {count}."
         return chunks, Outcome.INTERRUPTED, detail, rescued
     return chunks, Outcome.SUCCESS, "", rescued
 
@@ -247,13 +276,15 @@ def _begin(request: _Request) -> tuple[Progress, Outcome]:
 
 
 def _append_chunk(request: _Request, chunks: Chunks, begin: Progress, size: int) -> Outcome:
-    after, rows, outcome = request.runner.advance(request.parameters, begin, size, request.every)
+    after, rows, outcome = request.runner.advance(
+        request.parameters, begin, size, request.every, request.controls
+    )
     chunks.append((after, rows))
     return outcome
 
 
 def _try_again(request: _Request, chunks: Chunks) -> Outcome:
-    """Do the failed step from a fresh guess, then with a damped and pivoted Newton iteration.
+    """Do the failed stage from a fresh guess, then with a damped and pivoted Newton iteration.
 
     An extrapolated guess may lead astray and trip any guard, so every failure gets its second
     try; the verdict of the fresh guess is the one reported.
@@ -266,7 +297,7 @@ def _try_again(request: _Request, chunks: Chunks) -> Outcome:
     chunks.pop()
     solved = None
     if outcome is Outcome.NEWTON_FAILED:
-        solved = runner.solve_carefully(request.parameters, here)
+        solved = runner.solve_carefully(request.parameters, here, request.controls)
     if solved is not None:
         prepared = runner.with_unknowns(request.parameters, here, solved)
         if _append_chunk(request, chunks, prepared, 1) is Outcome.SUCCESS:
@@ -291,8 +322,8 @@ def _cut_where_rows_are_lost(request: _Request, chunks: Chunks) -> bool:
         return True
     row = rows[kept - 1]
     memory = np.append(end.memory[:-1], row[-1])  # nobody goes on from here: its guesses are unused
-    step = (begin.step // request.every + kept) * request.every
-    chunks[-1] = (Progress(row[: layout.size].copy(), memory, step), rows[:kept])
+    stage = (begin.stage // request.every + kept) * request.every
+    chunks[-1] = (Progress(row[: layout.size].copy(), memory, stage), rows[:kept])
     return True
 
 
@@ -304,7 +335,7 @@ def _is_off_base(request: _Request, progress: Progress) -> bool:
 def _detail(request: _Request, progress: Progress) -> str:
     rows = request.start.active_rows
     scales = request.parameters[len(request.parameters) - len(rows) :]
-    where = (progress.step, request.count)
+    where = (progress.stage // request.stages, request.count // request.stages)
     node = request.runner.program.layout.node(progress.state)
     return failure_detail(request.system, rows, scales, request.h, where, node)
 
@@ -319,11 +350,12 @@ def _collect(
 ) -> Trajectory:
     program = request.runner.program
     saved = [rows for _, rows in chunks if rows.size]
-    done = chunks[-1][0].step
-    steps = np.arange(0, done + 1, request.every)
+    end = _last_whole_step(request, chunks)
+    done, every = end.stage // request.stages, request.every // request.stages
+    steps = np.arange(0, done + 1, every)
     rows = np.concatenate([_row_without_arrow(program, chunks[0][0]), *saved])
-    if done % request.every:
-        rows = np.concatenate([rows, _row_without_arrow(program, chunks[-1][0])])
+    if done % every:
+        rows = np.concatenate([rows, _row_without_arrow(program, end)])
         steps = np.append(steps, done)
     flights = program.arrow_velocities.numel() // request.system.space.rank
     return Trajectory(
@@ -339,7 +371,27 @@ def _collect(
         detail=detail,
         seconds=seconds,
         rescued_steps=rescued,
+        controls=request.controls,
     )
+
+
+def _last_whole_step(request: _Request, chunks: Chunks) -> Progress:
+    """Where the run stands; if inside a step, the end of the step before, found by running again.
+
+    A step that was rescued since then stops the second run earlier: the saved node before it is
+    then the last.
+    """
+    end = chunks[-1][0]
+    if end.stage % request.stages == 0:
+        return end
+    begin = next(p for p, _ in reversed(chunks) if p.stage % request.stages == 0)
+    wanted = end.stage // request.stages * request.stages
+    last = request.runner.advance(
+        request.parameters, begin, wanted - begin.stage, request.every, request.controls
+    )[0]
+    if last.stage == wanted:
+        return last
+    return replace(begin, stage=end.stage // request.every * request.every)
 
 
 def _row_without_arrow(program: StepProgram, progress: Progress) -> FloatArray:

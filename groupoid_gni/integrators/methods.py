@@ -12,61 +12,117 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from groupoid_gni.discretization import (
+    CompositionTable,
     ConstraintAtBothEnds,
     DiscreteConstraint,
     DiscreteLagrangian,
-    EulerB,
+    Flow,
     Rattle,
+    Variational,
+    default_table,
 )
 from groupoid_gni.errors import InputError
 
 
 @dataclass(frozen=True)
-class Variational:
-    """The free flight of a discrete Lagrangian: solve FL-(g) = p, then p+ = FL+(g).
-
-    discrete_lagrangian : the first half of the step; the second half uses its adjoint. The default
-        pair Euler B, Euler A evaluates the potential once per step, where the impact is.
+class SymmetricProjection:
+    """Lend a normal momentum before each stage and take it back after, so that it ends on the
+    constraint set: exact constraint, self-adjoint, no parasitic mode.
     """
-
-    discrete_lagrangian: DiscreteLagrangian = field(default_factory=EulerB)
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.discrete_lagrangian, DiscreteLagrangian):
-            raise InputError(
-                "Variational takes a discrete Lagrangian such as gni.Rattle(), not "
-                f"{self.discrete_lagrangian!r}"
-            )
 
 
 @dataclass(frozen=True)
 class GNI:
-    """Geometric nonholonomic integrator with symmetric projection; the default method.
+    """Geometric nonholonomic integrator; the library's default method.
 
-    Each step flies h/2, is reflected, flies h/2, with a normal momentum lent before and taken back
-    after, so that the step maps the constraint set to itself to round-off, is self-adjoint, and has
-    no parasitic mode.
+    Each stage flies half its time, is reflected, and flies the other half. With the symmetric
+    projection it maps the constraint set to itself to round-off, is self-adjoint, and has no
+    parasitic mode; a step of order 4, 6 or 8 is a composition of such stages (docs/theory.md).
 
-    order : 2.
-    flow : the free flight, ``Variational(...)``.
+    order : 2, 4, 6 or 8.
+    flow : the free flight: ``Variational(...)``, ``Splitting()`` or ``EnergyPreserving()``.
+    projection : ``SymmetricProjection()``, or None for bare stages: cheaper, of the same order, and
+        with the parasitic mode of two-step methods, which is monitored; for short runs.
+    table : a ``CompositionTable`` in place of the default one of this order.
     """
 
     order: int = 2
-    flow: Variational = field(default_factory=Variational)
+    flow: Flow = field(default_factory=Variational)
+    projection: SymmetricProjection | None = field(default_factory=SymmetricProjection)
+    table: CompositionTable | None = None
 
     def __post_init__(self) -> None:
-        if self.order != 2:
-            raise InputError(
-                f"GNI(order={self.order!r}) is not available; this version has order=2. For more "
-                "digits over short times use ReferenceFlow(rtol=...)"
-            )
-        if not isinstance(self.flow, Variational):
+        if not isinstance(self.flow, Flow):
             raise InputError(f"flow must be a free flight such as Variational(), not {self.flow!r}")
+        if not (self.projection is None or isinstance(self.projection, SymmetricProjection)):
+            raise InputError(
+                f"projection must be SymmetricProjection() or None, not {self.projection!r}"
+            )
+        if self.table is None:
+            self._check_order()
+        elif not isinstance(self.table, CompositionTable):
+            raise InputError(f"table must be a CompositionTable, not {self.table!r}")
+        elif self.table.order != self.order:
+            raise InputError(
+                f"the table {self.table.name} is of order {self.table.order}, not "
+                f"order={self.order!r}"
+            )
+        elif self.table.projected != (self.projection is not None):
+            kind = "projected" if self.table.projected else "bare"
+            raise InputError(
+                f"the table {self.table.name} is for {kind} stages; it goes with "
+                f"projection={'SymmetricProjection()' if self.table.projected else None}"
+            )
+
+    def _check_order(self) -> None:
+        try:
+            default_table(self.order, self.projection is not None)
+        except InputError as error:
+            raise InputError(f"GNI(order={self.order!r}) is not available: {error}") from error
+
+    @property
+    def fractions(self) -> tuple[float, ...]:
+        """Sizes of the stages in units of the step."""
+        table = self.table or default_table(self.order, self.projection is not None)
+        return tuple(table.stages)
 
     def __str__(self) -> str:
-        if self.flow == Variational():
-            return f"GNI(order={self.order})"
-        return f"GNI(order={self.order}, flow=Variational({self.flow.discrete_lagrangian}))"
+        parts = [f"order={self.order}"]
+        if self.flow != Variational():
+            parts.append(f"flow={self.flow}")
+        if self.projection is None:
+            parts.append("projection=None")
+        if self.table is not None:
+            parts.append(f"table={self.table.name!r}")
+        return f"GNI({', '.join(parts)})"
+
+
+@dataclass(frozen=True)
+class McLachlanPerlmutter:
+    """The reversible method of McLachlan and Perlmutter (J. Nonlinear Sci. 16, 2006).
+
+    Fly half the step, take the impulse of the constraint force, fly the other half; the impulse is
+    such that the constraint holds at the end. Self-adjoint and exactly on the constraint, on every
+    groupoid; on R^n their equation (4.18). For comparison: where the motion is not reversible its
+    energy drifts more than that of ``GNI`` does (docs/how_to_choose.md).
+
+    order : 2, 4, 6 or 8.  flow : as for ``GNI``.
+    """
+
+    order: int = 2
+    flow: Flow = field(default_factory=Variational)
+
+    def __post_init__(self) -> None:
+        GNI(self.order, self.flow)
+
+    @property
+    def fractions(self) -> tuple[float, ...]:
+        """Sizes of the stages in units of the step."""
+        return GNI(self.order, self.flow).fractions
+
+    def __str__(self) -> str:
+        flow = "" if self.flow == Variational() else f", flow={self.flow}"
+        return f"McLachlanPerlmutter(order={self.order}{flow})"
 
 
 @dataclass(frozen=True)
@@ -110,13 +166,19 @@ class DiscreteLagrangeDAlembert:
 
 @dataclass(frozen=True)
 class ReferenceFlow:
-    """The equations of motion themselves, by an adaptive method of order 8 (SciPy's DOP853).
+    """The equations of motion themselves, by DOP853 (order 8, adaptive) with dense output.
 
-    Not structure-preserving: use it for short-time accuracy and as an oracle.
+    Not structure-preserving: use it for short-time accuracy and as an oracle. Step sizes follow the
+    tolerance, not ``step``, which only says where nodes are; between its own steps the method
+    interpolates with order 7. Base points (and reconstructed arrows) are put back on their manifold
+    after every step and at every node. ``run.error_estimate()`` tells how large the error is.
+    Control inputs are constant over each ``step``; the method then begins anew at every node.
 
     rtol : relative tolerance per step.
     atol : absolute tolerance of base coordinates and velocities (of momenta, times the inertia at
         the start); rtol * 1e-2 when left out.
+
+    Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, sections II.4-II.6, II.10.
     """
 
     rtol: float = 1e-10
@@ -135,5 +197,5 @@ class ReferenceFlow:
         return f"ReferenceFlow(rtol={self.rtol:g}{atol})"
 
 
-SteppingMethod = DiscreteLagrangian | GNI | DiscreteLagrangeDAlembert
+SteppingMethod = DiscreteLagrangian | GNI | McLachlanPerlmutter | DiscreteLagrangeDAlembert
 Method = SteppingMethod | ReferenceFlow

@@ -41,6 +41,8 @@ def next_arrow(
     """
     if not isinstance(system, MechanicalSystem):
         raise InputError(f"system must be a MechanicalSystem, not {type(system).__name__}")
+    if system.control_size:
+        raise InputError("next_arrow takes no control inputs; use integrate(..., controls=...)")
     space = system.space
     if not isinstance(method, (DiscreteLagrangian, DiscreteLagrangeDAlembert)):
         raise InputError(

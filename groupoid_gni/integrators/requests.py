@@ -10,7 +10,7 @@ import numpy as np
 from groupoid_gni.array_types import ArrayLike, FloatArray
 from groupoid_gni.errors import InputError
 from groupoid_gni.integrators.methods import GNI, Method
-from groupoid_gni.systems import MechanicalSystem, State
+from groupoid_gni.systems import MechanicalSystem, State, real_array
 from groupoid_gni.trajectory import starting_arrow
 
 _MEMORY_SHARE = 0.5
@@ -111,6 +111,36 @@ def checked_pose(
         return None
     pose = None if reconstruct is True else reconstruct
     return starting_arrow(system.space, state.base, pose)
+
+
+def checked_controls(
+    system: MechanicalSystem, controls: ArrayLike | None, steps: int
+) -> FloatArray | None:
+    """The control inputs of all steps, (steps, inputs); None for a system without."""
+    size = system.control_size
+    if not size:
+        if controls is not None:
+            raise InputError(
+                "this system has no control inputs; give it a force(x, xi, p, u) and controls=..."
+            )
+        return None
+    if controls is None:
+        raise InputError(
+            f"this system has {size} control input(s): pass controls, shape ({steps}, {size}), or "
+            f"({size},) for constant ones"
+        )
+    given = real_array("controls", controls)
+    if given.shape == (size,):
+        given = np.broadcast_to(given, (max(steps, 1), size))
+    if given.ndim != 2 or given.shape[1] != size or len(given) < steps:
+        raise InputError(
+            f"controls must have shape ({steps}, {size}), one row for each step, or ({size},); got "
+            f"{given.shape}"
+        )
+    if not np.all(np.isfinite(given)):
+        step, entry = np.argwhere(~np.isfinite(given))[0]
+        raise InputError(f"controls[{step}, {entry}] is {given[step, entry]}; it must be finite")
+    return np.array(given)
 
 
 def check_memory(rows: int, width: int) -> None:

@@ -11,6 +11,7 @@ from groupoid_gni.scenes.rolling_ball import rolling_ball
 from groupoid_gni.scenes.scene import Scene
 from groupoid_gni.scenes.suslov import suslov
 from groupoid_gni.scenes.two_wheeled_robot import two_wheeled_robot
+from groupoid_gni.scenes.variable_transmission import variable_transmission
 from groupoid_gni.scenes.veselova import veselova
 
 __all__ = [
@@ -22,5 +23,6 @@ __all__ = [
     "rolling_ball",
     "suslov",
     "two_wheeled_robot",
+    "variable_transmission",
     "veselova",
 ]

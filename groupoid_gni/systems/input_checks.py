@@ -66,6 +66,40 @@ def check_signature(name: str, function: BaseFunction) -> None:
         ) from error
 
 
+def checked_control_size(controls: Any, force: Any) -> int:
+    """The number of control inputs; they need a force to act through."""
+    if isinstance(controls, bool) or not isinstance(controls, (int, np.integer)) or controls < 0:
+        raise InputError(
+            f"controls is the number of control inputs, a whole number from 0; got {controls!r}"
+        )
+    if controls and force is None:
+        raise InputError("controls need a force(x, xi, p, u) that they act through")
+    return int(controls)
+
+
+def check_force_signature(force: Any, controls: int) -> None:
+    """A force takes the base point, the velocity, the parameters and, if any, the inputs."""
+    if not callable(force):
+        raise InputError(
+            "force must be a function (x, xi, p) or, with controls, (x, xi, p, u); for a constant "
+            "one write force=lambda x, xi, p: np.array([...])"
+        )
+    try:
+        signature = inspect.signature(force)
+    except (TypeError, ValueError):
+        return
+    try:
+        signature.bind(*[None] * (4 if controls else 3))
+    except TypeError as error:
+        wanted = "(x, xi, p, u): base point, velocity, parameters, control inputs"
+        if not controls:
+            wanted = (
+                "(x, xi, p): base point, velocity, parameters; with control inputs u as a fourth, "
+                "pass controls=their number too"
+            )
+        raise InputError(f"force must take {wanted}; its signature is {signature}") from error
+
+
 def constant_function(constant: FloatArray) -> BaseFunction:
     """A term that is the same everywhere."""
     def constant_function(x: Any, p: Any) -> FloatArray:

@@ -20,8 +20,10 @@ from groupoid_gni.expressions.explanation import location
 from groupoid_gni.groupoids import LieGroupoid
 from groupoid_gni.systems.input_checks import (
     BaseFunction,
+    check_force_signature,
     check_signature,
     check_space,
+    checked_control_size,
     constant_array,
     constant_function,
     real_array,
@@ -57,6 +59,10 @@ class MechanicalSystem:
         The one-form A of a term ``<A_x, xi>`` in the Lagrangian.
     parameters : mapping name -> number or array, optional
         Physical parameters, read as ``p.name``. They stay inputs of the machine code.
+    force : function (x, xi, p) -> (r,), or (x, xi, p, u) -> (r,) with control inputs, optional
+        An external force in A*_x G: friction, actuation. Its power is <force, xi>.
+    controls : int
+        Number of control inputs u, constant over each step; ``integrate(..., controls=...)``.
 
     Raises
     ------
@@ -73,6 +79,8 @@ class MechanicalSystem:
         drift: BaseFunction | ArrayLike | None = None,
         gyroscopic: BaseFunction | ArrayLike | None = None,
         parameters: Mapping[str, Any] | None = None,
+        force: Callable[..., Any] | None = None,
+        controls: int = 0,
     ) -> None:
         check_space(space)
         if metric is None:
@@ -91,10 +99,16 @@ class MechanicalSystem:
         if drift is not None and constraints is None:
             raise InputError("drift needs constraints: it is the section Y in mu (xi - Y) = 0")
         self._shapes["constraints"] = (self._count_rows(), r)
+        self.control_size = checked_control_size(controls, force)
+        self._force = force
+        if force is not None:
+            check_force_signature(force, self.control_size)
         self._recorded: dict[str, RecordedFunction] = {}
         self._compiled: dict[Any, Any] = {}
         for name in self._plain:
             self.recorded(name)
+        if force is not None:
+            self.recorded("force")
         self._frozen = True
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -172,13 +186,20 @@ class MechanicalSystem:
         return MappingProxyType(self._plain)
 
     def has(self, name: str) -> bool:
-        """Whether the system was given a ``potential``, ``drift``, ``gyroscopic`` term, ..."""
-        return name in self._plain
+        """Whether the system was given a ``potential``, ``drift``, ``force``, ..."""
+        return name in self._plain or (name == "force" and self._force is not None)
 
     def recorded(self, name: str) -> RecordedFunction:
-        """The recording of one of the functions, taking (base point, flat parameters)."""
-        self._check_name(name)
+        """The recording of one of the functions, taking (base point, flat parameters).
+
+        That of ``force`` takes (base point, velocity, flat parameters, control inputs).
+        """
+        if name != "force":
+            self._check_name(name)
         if name not in self._recorded:
+            if name == "force" and self._force is not None:
+                self._recorded[name] = self._recorded_force(self._force)
+                return self._recorded[name]
             if name not in self._plain:
                 raise InputError(
                     f"this system has no {name}; it has: {', '.join(self._plain)}"
@@ -193,6 +214,19 @@ class MechanicalSystem:
     def _record(self, name: str) -> RecordedFunction:
         inputs = {"x": (self.space.base_size,), "parameters": (self._layout.size,)}
         return record(self.with_flat_parameters(name), inputs, self._shapes[name], name=name)
+
+    def _recorded_force(self, force: Callable[..., Any]) -> RecordedFunction:
+        layout, r, size = self._layout, self.space.rank, self.control_size
+
+        def with_flat_parameters(x: Array, xi: Array, flat: Array, u: Array) -> Any:
+            given = (x, xi, layout.namespace(flat))
+            return force(*given, u) if size else force(*given)
+
+        with_flat_parameters.__wrapped__ = force  # type: ignore[attr-defined]
+        inputs = {
+            "x": (self.space.base_size,), "xi": (r,), "parameters": (layout.size,), "u": (size,)
+        }
+        return record(with_flat_parameters, inputs, (r,), name="force")
 
     def with_flat_parameters(self, name: str) -> Callable[[Array, Array], Any]:
         """A term as a function of (base point, flat parameters)."""

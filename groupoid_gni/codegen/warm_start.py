@@ -1,0 +1,58 @@
+"""First values of a stage's unknowns, extrapolated from those of the stages before it.
+
+Unknowns are smooth functions of the time t of the middle of their stage and, where stages differ in
+size, of the square of that size: the stages are self-adjoint. The weights of the remembered values
+depend on the composition alone, so they are numbers known before anything is run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from math import comb
+
+import numpy as np
+
+from groupoid_gni.array_types import FloatArray
+from groupoid_gni.discretization.step_program import HISTORY, STAGE_HISTORY
+
+EXTRAPOLATION = tuple((-1.0) ** k * comb(HISTORY, k + 1) for k in range(HISTORY))
+"""Steps of one stage: weights of the last, the last but one, ...; the polynomial through all."""
+
+_LARGEST_SUM = 20.0
+_DEGREES = (5, 4, 3, 2, 1, 0)
+
+
+@cache
+def extrapolation_weights(fractions: tuple[float, ...]) -> tuple[tuple[float, ...], ...]:
+    """Weights (stage, age) for every stage of a composition; one row of ``EXTRAPOLATION`` for one.
+
+    Of all weights that reproduce ``t^a g^(2b)``, a + 2b <= d, those of least squares, g the
+    fraction and t the middle of a stage; d is the largest with sum |w| <= 20.
+    """
+    if len(fractions) == 1:
+        return (EXTRAPOLATION,)
+    return tuple(tuple(_stage_weights(fractions, i)) for i in range(len(fractions)))
+
+
+def _stage_weights(fractions: Sequence[float], stage: int) -> list[float]:
+    count = len(fractions)
+    sizes = np.array([fractions[(stage - age) % count] for age in range(STAGE_HISTORY + 1)])
+    # time runs backwards from the middle of the stage asked for
+    apart = (sizes[:-1] + sizes[1:]) / 2
+    times = -np.concatenate([[0.0], np.cumsum(apart)])
+    for degree in _DEGREES:
+        weights = _least_weights(times, sizes, degree)
+        if weights is not None and np.sum(np.abs(weights)) <= _LARGEST_SUM:
+            return [float(w) for w in weights]
+    return [1.0] + [0.0] * (STAGE_HISTORY - 1)
+
+
+def _least_weights(times: FloatArray, sizes: FloatArray, degree: int) -> FloatArray | None:
+    """Least-squares weights of entries 1, 2, ... that give entry 0 of every monomial, or None."""
+    powers = [(a, b) for b in range(degree // 2 + 1) for a in range(degree - 2 * b + 1)]
+    scale = np.max(np.abs(times))
+    values = np.array([(times / scale) ** a * (sizes**2) ** b for a, b in powers])
+    weights = np.linalg.lstsq(values[:, 1:], values[:, 0], rcond=1e-13)[0]
+    defect = np.max(np.abs(values[:, 1:] @ weights - values[:, 0]))
+    return weights if defect <= 1e-9 * (1.0 + np.max(np.abs(values[:, 0]))) else None

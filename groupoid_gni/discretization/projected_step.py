@@ -1,0 +1,255 @@
+"""One stage of the GNI between impacts: the bare step K, and the projected step made of it.
+
+``K_h = F_{h/2} R F*_{h/2}`` flies h/2, is reflected and flies h/2; F* is the adjoint of F, so K is
+self-adjoint. It tends to the reflection and not to the identity. The projected step
+
+    p0 + N0 nu -> K -> p1 + N1 W nu,      p1 on the constraint set,
+
+lends a normal part before and takes it back after; it tends to the identity. N = mu^T L^-T is a
+G^-1-orthonormal basis of the normal space and W the isometry nearest to ``N1^T S N0``, S the mean
+of the two inverse metrics, which makes the choice of basis irrelevant.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from groupoid_gni.discretization.broyden import Broyden
+from groupoid_gni.discretization.elimination import solve_linear, solve_lower, solve_upper
+from groupoid_gni.discretization.flight import Flight, FlightRule
+from groupoid_gni.discretization.nonholonomic_step import (
+    EARLY_NODES,
+    accumulated,
+    accumulated_parts,
+)
+from groupoid_gni.discretization.step_inputs import StepInputs
+from groupoid_gni.discretization.step_program import Guard, StateLayout, StepProgram
+from groupoid_gni.discretization.system_expressions import Node, SystemExpressions
+from groupoid_gni.outcomes import Outcome
+
+
+def projected_program(
+    expressions: SystemExpressions,
+    outward: FlightRule,
+    homeward: FlightRule,
+    fractions: tuple[float, ...],
+    reconstruct: bool,
+) -> StepProgram:
+    """A composition of projected steps.
+
+    outward, homeward : the flights before and after the impact; the step is self-adjoint when each
+        is the adjoint of the other.  fractions : sizes of the stages in units of the step.
+    p1 is computed as the orthogonal projection of what arrives: the constraint holds to round-off
+    whatever the iteration leaves.
+    """
+    e, inputs = expressions, StepInputs(expressions, composed=len(fractions) > 1)
+    layout, state = _node_layout(e, reconstruct, {})
+    x0, p0 = state[layout.slices["base"]], state[layout.slices["after"]]
+    step = _ProjectedStep(e, inputs, x0, p0, outward, homeward)
+    flights = [step.outward, step.homeward]
+    return StepProgram(
+        parameters=inputs.all,
+        state=state,
+        unknowns=ca.vertcat(*[flight.unknowns for flight in flights], step.search.unknown),
+        carried=step.search.carried,
+        later=step.search.later,
+        update=step.update,
+        next_carried=step.search.next_carried,
+        work=step.outward.work + step.homeward.work + step.search.work,
+        energy=step.energy,
+        quadratic=False,
+        next_state=ca.vertcat(step.next_state, accumulated(e, state, layout, flights)),
+        arrow_velocities=stored_velocities(flights, fractions),
+        first_guess=ca.vertcat(
+            *[flight.guess(x0, p0) for flight in flights], ca.SX.zeros(e.constraint_count, 1)
+        ),
+        first_carried=step.search.first_carried,
+        layout=layout,
+        guards=tuple(step.guards),
+        finite=e.delicate_potential(step.homeward.target, inputs.theta),
+        fractions=fractions,
+        given=inputs.given,
+        control_size=e.controls.numel(),
+        left=step.search.work,
+    )
+
+
+def bare_program(
+    expressions: SystemExpressions,
+    outward: FlightRule,
+    homeward: FlightRule,
+    fractions: tuple[float, ...],
+    reconstruct: bool,
+) -> StepProgram:
+    """A composition of bare steps K: cheaper, and with the (-1)^k mode of the two-step recursion.
+
+    The state carries the size of the normal part of p (the mode itself: zero on the constraint set)
+    now and at its largest, the largest impulse, and how many nodes were seen, as the monitor of the
+    two-step methods does.
+    """
+    e, inputs = expressions, StepInputs(expressions, composed=len(fractions) > 1)
+    monitored = {"parasitic": 5} if e.constraint_count else {}
+    layout, state = _node_layout(e, reconstruct, monitored)
+    x0, p0 = state[layout.slices["base"]], state[layout.slices["after"]]
+    stage = _BareStep(e, inputs, x0, p0, outward, homeward)
+    flights = [stage.outward, stage.homeward]
+    monitor = ca.SX(0, 1)
+    if monitored:
+        monitor = stage.normal_part_record(state[layout.slices["parasitic"]])
+    return StepProgram(
+        parameters=inputs.all,
+        state=state,
+        unknowns=ca.vertcat(*[flight.unknowns for flight in flights]),
+        carried=ca.SX(0, 1),
+        later=ca.SX.sym("later"),
+        update=ca.vertcat(*[flight.update for flight in flights]),
+        next_carried=ca.SX(0, 1),
+        work=stage.outward.work + stage.homeward.work,
+        energy=stage.energy,
+        # the second flight starts from the updated end of the first
+        quadratic=True,
+        next_state=ca.vertcat(
+            e.restore_base(stage.homeward.target),
+            stage.homeward.momentum,
+            monitor,
+            accumulated(e, state, layout, flights),
+        ),
+        arrow_velocities=stored_velocities(flights, fractions),
+        first_guess=ca.vertcat(*[flight.guess(x0, p0) for flight in flights]),
+        first_carried=ca.SX(0, 1),
+        layout=layout,
+        guards=tuple(stage.guards),
+        finite=e.delicate_potential(stage.homeward.target, inputs.theta),
+        fractions=fractions,
+        given=inputs.given,
+        control_size=e.controls.numel(),
+    )
+
+
+def _node_layout(
+    e: SystemExpressions, reconstruct: bool, more: dict[str, int]
+) -> tuple[StateLayout, ca.SX]:
+    parts = {"base": e.base_size, "after": e.rank, **more, **accumulated_parts(e, reconstruct)}
+    layout = StateLayout.of(parts, aliases={"before": "after"})
+    return layout, ca.SX.sym("state", layout.size)
+
+
+def stored_velocities(flights: list[Flight], fractions: tuple[float, ...]) -> ca.SX:
+    """Velocities of the arrows of a step: of one stage only, to keep rows short."""
+    if len(fractions) > 1:
+        return ca.SX(0, 1)
+    return ca.vertcat(*[flight.velocities for flight in flights])
+
+
+class _BareStep:
+    """Start, outward flight, impact, homeward flight: ``K_h``."""
+
+    def __init__(
+        self,
+        e: SystemExpressions,
+        inputs: StepInputs,
+        x0: ca.SX,
+        p0: ca.SX,
+        outward: FlightRule,
+        homeward: FlightRule,
+    ) -> None:
+        half, theta = inputs.h / 2, inputs.theta
+        self.start = e.node(x0, theta)
+        self.outward = outward.from_momentum(x0, p0, half, theta, "xi_a")
+        self.middle = e.node(self.outward.target, theta)
+        reflected = self.middle.reflect(self.outward.momentum)
+        self.homeward = homeward.from_momentum(self.outward.target, reflected, half, theta, "xi_b")
+        self.end = e.node(self.homeward.target, theta)
+        self.energy = self.outward.energy + self.homeward.energy
+        self.guards = [
+            *[Guard(e.reach(x, 2 * eta), Outcome.LEFT_DOMAIN)
+              for flight in (self.outward, self.homeward) for x, eta in flight.pieces],
+            *inputs.conditioning(self.start, self.middle),
+            *inputs.conditioning(self.middle, self.end),
+        ]
+
+    def normal_part_record(self, record: ca.SX) -> ca.SX:
+        """Amplitude, its largest, largest impulse (relative squares), nodes seen, largest early."""
+        scale = 2 / (self.energy + 1e-300)
+        impulse = 2 * self.middle.normal_component(self.outward.momentum)
+        amplitude = scale * ca.sumsqr(self.end.normal_component(self.homeward.momentum))
+        largest = ca.fmax(record[1], amplitude)
+        largest_impulse = ca.fmax(record[2], scale * ca.sumsqr(impulse))
+        early = ca.if_else(record[3] < EARLY_NODES, largest, record[4])
+        return ca.vertcat(amplitude, largest, largest_impulse, record[3] + 1, early)
+
+
+class _ProjectedStep(_BareStep):
+    """K with the normal part ``N0 nu`` lent and ``N1 W nu`` taken back."""
+
+    def __init__(
+        self,
+        e: SystemExpressions,
+        inputs: StepInputs,
+        x0: ca.SX,
+        p0: ca.SX,
+        outward: FlightRule,
+        homeward: FlightRule,
+    ) -> None:
+        m = e.constraint_count
+        start = e.node(x0, inputs.theta)
+        # nu is an even function of the stage size about the middle of the stage
+        self.search = Broyden(m, inputs.fraction, slope=-2.0, power=2)
+        nu = self.search.value
+        displaced = p0 + start.normal_vector(nu) if m else p0
+        super().__init__(e, inputs, x0, displaced, outward, homeward)
+        isometry = _matching_isometry(start, self.end, e.metric_is_constant)
+        returned = self.end.normal_component(self.homeward.momentum)
+        self.search.close(ca.mtimes(isometry.T, returned) - nu, self.energy)
+        # a new nu shifts both flights; following it here saves most of an iteration. Column by
+        # column, so that only the last product waits for the update
+        units = ca.horzsplit(ca.SX.eye(m))
+        lent = ca.horzcat(ca.SX(e.rank, 0), *[start.normal_vector(unit) for unit in units])
+        to_outward = self.outward.response(lent)
+        to_homeward = self.homeward.response(self.middle.reflect_change(lent))
+        self.update = ca.vertcat(
+            self.outward.update + ca.mtimes(to_outward, self.search.change),
+            self.homeward.update + ca.mtimes(to_homeward, self.search.change),
+            self.search.update,
+        )
+        self.next_state = ca.vertcat(
+            e.restore_base(self.homeward.target), self.end.project(self.homeward.momentum)
+        )
+        self.guards += self.search.guards
+
+
+def _matching_isometry(start: Node, end: Node, same_metric: bool) -> ca.SX:
+    """The orthogonal factor W of ``N1^T S N0`` with ``S = (G0^-1 + G1^-1) / 2``."""
+    m = start.mu.size1()
+    if m == 0:
+        return ca.SX(0, 0)
+    overlap = _overlap(start, end, same_metric)
+    if m == 1:
+        return ca.if_else(overlap >= 0, 1, -1)
+    if m == 2:
+        return _polar_of_two(overlap)
+    polar = overlap
+    for _ in range(6):
+        # Newton's iteration for the polar factor; the overlap is within O(h^2) of an isometry
+        polar = (polar + solve_linear(polar.T, ca.SX.eye(m))) / 2
+    return polar
+
+
+def _overlap(start: Node, end: Node, same_metric: bool) -> ca.SX:
+    columns = []
+    for unit in ca.horzsplit(ca.SX.eye(start.mu.size1())):
+        column = solve_lower(end.lower, ca.mtimes(end.normal.T, start.normal_vector(unit)))
+        if not same_metric:
+            raised = ca.mtimes(start.normal, solve_upper(start.lower, unit))
+            column = (column + solve_lower(end.lower, ca.mtimes(end.mu, raised))) / 2
+        columns.append(column)
+    return ca.horzcat(*columns)
+
+
+def _polar_of_two(a: ca.SX) -> ca.SX:
+    """Orthogonal polar factor of a 2 x 2 matrix: A + sign(det A) cof A, normalised."""
+    sign = ca.if_else(a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0] >= 0, 1, -1)
+    first, second = a[0, 0] + sign * a[1, 1], a[1, 0] - sign * a[0, 1]
+    length = ca.sqrt(first * first + second * second)
+    first, second = first / length, second / length
+    return ca.vertcat(ca.horzcat(first, -sign * second), ca.horzcat(second, sign * first))
