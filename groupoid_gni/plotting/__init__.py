@@ -3,6 +3,7 @@
 Takes Trajectories and arrays, gives axes and figures; shows and writes nothing.
 """
 
+from groupoid_gni.plotting.drift_panel import plot_drift
 from groupoid_gni.plotting.law_figure import plot_laws
 from groupoid_gni.plotting.panels import (
     plot_constraints,
@@ -15,6 +16,7 @@ from groupoid_gni.plotting.trajectory_figure import plot_trajectory
 
 __all__ = [
     "plot_constraints",
+    "plot_drift",
     "plot_energy",
     "plot_laws",
     "plot_path",
