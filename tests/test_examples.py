@@ -3,7 +3,10 @@
 import importlib.util
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+import groupoid_gni as gni
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
@@ -18,7 +21,7 @@ def load(name):
 def test_every_example_is_tested_here():
     assert {p.stem for p in EXAMPLES.glob("*.py")} == {
         "chaplygin_sleigh", "figures_of_the_paper", "hopf_gauge_groupoid", "rolling_sphere",
-        "six_systems",
+        "six_systems", "steer_the_robot",
     }  # fmt: skip
 
 
@@ -66,3 +69,36 @@ def test_figures_of_the_paper_have_their_slopes_and_files(tmp_path, capsys):
         assert (tmp_path / "new folder" / f"{name}.png").stat().st_size > 10_000
         assert (tmp_path / "new folder" / f"{name}.npz").stat().st_size > 1_000
     assert "order-one consistent" in capsys.readouterr().out
+
+
+def test_steer_the_robot_parks_and_its_torques_do_so_in_integrate(tmp_path, capsys):
+    numbers = load("steer_the_robot").main(tmp_path / "robot.png")
+    for order, miss in (("order 2", 3.1e-2), ("order 4", 4.2e-6)):
+        found = numbers[order]
+        assert found["replay"] < 1e-9
+        assert found["pose"] < 1e-9
+        assert found["constraint"] < 1e-14
+        assert found["end energy"] < 1e-18
+        assert found["effort"] == pytest.approx(10.81, abs=0.02)
+        assert found["true miss"] == pytest.approx(miss, rel=0.05)
+    assert (tmp_path / "robot.png").stat().st_size > 30_000
+    assert "IPOPT" in capsys.readouterr().out
+
+
+def test_the_robot_without_wheel_angles_moves_as_the_one_with_them():
+    small, scene = load("steer_the_robot").robot(), gni.scenes.two_wheeled_robot()
+    whole = gni.MechanicalSystem(
+        scene.system.space, scene.system.plain["metric"],
+        constraints=scene.system.plain["constraints"],
+        force=lambda x, xi, p, u: np.array([u[0], u[1], 0.0, 0.0, 0.0]), controls=2,
+        parameters=small.parameters,
+    )  # fmt: skip
+    torques = np.stack([np.sin(0.9 * np.arange(8)), np.cos(1.3 * np.arange(8))], axis=1)
+    options = {"step": 0.25, "n_steps": 8, "controls": torques}
+    options["method"] = gni.ReferenceFlow(rtol=1e-12)
+    start = whole.state(velocity=scene.start.velocity)
+    expected = gni.integrate(whole, start, reconstruct=True, **options)
+    run = gni.integrate(small, small.state(np.eye(3).ravel(), start.velocity[2:]), **options)
+    np.testing.assert_allclose(run.velocities, expected.velocities[:, 2:], atol=1e-10)
+    poses = expected.reconstruct()[:, -9:]
+    np.testing.assert_allclose(run.base, poses, atol=1e-8)

@@ -49,10 +49,11 @@ def step_function(
         take and give ``G^-1 (p - A)`` in the place of the momentum p.
 
     A step without unknowns is a function of SX. The others hold a ``ca.rootfinder`` and take MX or
-    numbers; where the solver fails they raise RuntimeError, which CasADi's optimisers treat as a
-    point that cannot be evaluated. Base points are ambient coordinates: a target for them is best
-    written in as many numbers as there are degrees of freedom. The guards of ``integrate`` (rank of
-    the constraints, domain of the retraction) are not part of the function; replay what was found.
+    numbers; where the solver fails they raise RuntimeError, whereupon IPOPT takes a shorter step
+    (``integrate`` would try again from another guess). Base points are ambient: a target
+    is best written in as many numbers as there are degrees of freedom. The guards of ``integrate``
+    (rank of the constraints, domain of the retraction) are not part of the function: replay what
+    was found.
 
     Raises InputError for a method without such a step, and for rows that do not exist.
     """
