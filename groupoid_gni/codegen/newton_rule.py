@@ -19,8 +19,8 @@ PREDICTED = 1e-32
 BEFORE_FIRST = 1e-14
 """e^2 assumed before the first update: it suffices at e = 1e-10 (quadratic) or 3e-12."""
 
-LEFT = 1e-29
-"""Bound on the e^2 left in the next state."""
+LEFT = 1e-27
+"""Bound on the e^2 left in the normal part; the next state feels e times the step."""
 
 STAGNATION = 0.06
 """A reduction of e^2 worse than this factor, below ``STAGNATION_LEVEL``, is round-off."""

@@ -19,7 +19,7 @@ import numpy as np
 from groupoid_gni.array_types import FloatArray
 from groupoid_gni.codegen import newton_rule as rule
 from groupoid_gni.codegen.machine import MachineCode, machine_has_fused_products
-from groupoid_gni.codegen.step_kernel import step_function, step_kernel_ir
+from groupoid_gni.codegen.step_kernel import finish_function, step_function, step_kernel_ir
 from groupoid_gni.codegen.warm_start import extrapolation_weights
 from groupoid_gni.discretization.step_program import StepProgram
 from groupoid_gni.outcomes import Outcome
@@ -195,6 +195,10 @@ class InterpretedStep(StepRunner):
     def _step(self) -> ca.Function:
         return step_function(self.program)
 
+    @cached_property
+    def _finish(self) -> ca.Function:
+        return finish_function(self.program)
+
     def advance(
         self,
         parameters: FloatArray,
@@ -234,6 +238,8 @@ class InterpretedStep(StepRunner):
         if verdict is not Outcome.SUCCESS:
             return verdict, progress, arrows
         memory = np.concatenate([u, recent[:-1].ravel(), carried, memory[-1:] + iterations])
+        if self.program.finish is not None and (progress.stage + 1) % self.program.stages == 0:
+            following = np.array(self._finish(parameters, following)).ravel()
         return Outcome.SUCCESS, Progress(following, memory, progress.stage + 1), arrows
 
     def _verdict(self, guards: FloatArray, converged: bool, numbers: list[float]) -> Outcome:

@@ -47,6 +47,13 @@ def step_function(program: StepProgram) -> ca.Function:
     return ca.Function("step", inputs, ca.cse([ca.densify(o) for o in outputs]))
 
 
+def finish_function(program: StepProgram) -> ca.Function:
+    """(parameters, state after the last stage) -> state at the end of a composed step."""
+    return ca.Function(
+        "finish", [program.parameters, program.state], [ca.cse(ca.densify(program.finish))]
+    )
+
+
 def step_kernel_ir(program: StepProgram, lanes: int, fused: bool) -> str:
     """IR text of the module with ``@advance`` for this program."""
     return _StepKernel(program, lanes, fused).text()
@@ -161,7 +168,8 @@ class _StepKernel:
     def _entry(self) -> None:
         e = self.e
         sizes = self.program.parameters.numel()
-        self.values.bind_input(0, [_load(e, "%parameters", i) for i in range(sizes)])
+        self.parameters = [_load(e, "%parameters", i) for i in range(sizes)]
+        self.values.bind_input(0, self.parameters)
         everything = self.tape.needed(range(7))
         self.values.emit(everything, [_CONSTANT, _PARAMETER])
         self.start_state = [_load(e, "%state", i) for i in range(self.state_size)]
@@ -347,9 +355,33 @@ class _StepKernel:
             memory = [e.select("%alive1", a, b) for a, b in zip(memory, self.memory, strict=True)]
             e.line("br label %next")
         e.label("next")
+        if self.program.finish is not None:
+            new = self._finished_step(new)
         self._save([*new, *values.output(_ARROWS), memory[-1]])
         e.line("br label %head")
         self._close_head(new, memory)
+
+    def _finished_step(self, new: list[str]) -> list[str]:
+        """The state after ``finish`` where the stage is the last of its step; opens a block."""
+        e = self.e
+        last = e.assign(f"icmp eq i64 %stage, {self.program.stages - 1}")
+        e.line(f"br i1 {last}, label %finish, label %kept")
+        e.label("finish")
+        tape = Tape.of(finish_function(self.program)).optimised()
+        values = Values(tape, e)
+        values.bind_input(0, self.parameters)
+        values.bind_input(1, new)
+        values.emit(tape.needed([0]), [_CONSTANT, _PARAMETER, _STATE])
+        end = values.output(0)
+        if e.lanes > 1:
+            end = [e.select("%alive1", a, b) for a, b in zip(end, new, strict=True)]
+        finish_end = e.block
+        e.line("br label %kept")
+        e.label("kept")
+        return [
+            e.assign(f"phi {e.type} [ {a}, %next ], [ {b}, %{finish_end} ]")
+            for a, b in zip(new, end, strict=True)
+        ]
 
     def _close_head(self, new: list[str], memory: list[str]) -> None:
         e = self.e
@@ -434,8 +466,9 @@ class _StepKernel:
         e.line(f"store {kind} {new_step}, ptr {where}, align 8")
 
     def _save(self, row: list[str]) -> None:
-        """Write a row when the absolute step number is a multiple of ``every``."""
+        """Write a row when the absolute stage number is a multiple of ``every``."""
         e = self.e
+        before = e.block
         e.line("%k1 = add i64 %k, 1")
         e.line("%now = icmp eq i64 %k1, %due")
         e.line("br i1 %now, label %save, label %saved")
@@ -446,8 +479,8 @@ class _StepKernel:
         later = e.assign("add i64 %due, %every")
         e.line("br label %saved")
         e.label("saved")
-        e.line(f"%row1 = phi ptr [ %row, %next ], [ {after}, %save ]")
-        e.line(f"%due1 = phi i64 [ %due, %next ], [ {later}, %save ]")
+        e.line(f"%row1 = phi ptr [ %row, %{before} ], [ {after}, %save ]")
+        e.line(f"%due1 = phi i64 [ %due, %{before} ], [ {later}, %save ]")
         if self.program.stages > 1:
             following = e.assign("add i64 %stage, 1")
             full = e.assign(f"icmp eq i64 {following}, {self.program.stages}")

@@ -107,9 +107,6 @@ RUNS = {
         {"reconstruct": np.eye(4)}, InputError, "pose",
     ),
     "pose is text": ({"reconstruct": "here"}, InputError, "pose"),
-    "reference flow cannot reconstruct": (
-        {"reconstruct": True, "method": gni.ReferenceFlow()}, InputError, "no arrows to rec",
-    ),
 }
 
 
