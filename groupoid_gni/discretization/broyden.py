@@ -8,7 +8,8 @@ from groupoid_gni.discretization.step_program import Guard
 from groupoid_gni.outcomes import Outcome
 
 _LARGEST_INVERSE = 50.0
-_ROUND_OFF = 1e-26
+LEAST_MOVE = 1e-26
+"""Square of a move, over the energy, below which it is round-off and teaches nothing."""
 
 
 class Broyden:
@@ -63,7 +64,7 @@ class Broyden:
         expected = ca.mtimes(inverse, change)
         denominator = ca.dot(moved, expected)
         size = ca.dot(moved, moved)
-        tells = ca.logic_and(self.later, size > _ROUND_OFF * energy)
+        tells = ca.logic_and(self.later, size > LEAST_MOVE * energy)
         believable = ca.logic_and(4 * denominator > size, denominator < 4 * size)
         safe = ca.if_else(believable, denominator, 1)
         row = ca.mtimes(moved.T, inverse)

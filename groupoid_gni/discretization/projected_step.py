@@ -83,19 +83,25 @@ def bare_program(
 ) -> StepProgram:
     """A composition of bare steps K: cheaper, and with the (-1)^k mode of the two-step recursion.
 
-    The state carries the size of the normal part of p (the mode itself: zero on the constraint set)
-    now and at its largest, the largest impulse, and how many nodes were seen, as the monitor of the
-    two-step methods does.
+    The state carries the size of the normal part of p at the end of a step (the mode itself: zero
+    on the constraint set) now and at its largest, the largest impulse, and how many nodes were
+    seen, as the monitor of the two-step methods does. What only the end of a step needs, this and
+    putting the base point back on its manifold, is done once a step.
     """
     e, inputs = expressions, StepInputs(expressions, composed=len(fractions) > 1)
-    monitored = {"parasitic": 5} if e.constraint_count else {}
-    layout, state = _node_layout(e, reconstruct, monitored)
+    layout, state = _node_layout(e, reconstruct, {"parasitic": 5} if e.constraint_count else {})
     x0, p0 = state[layout.slices["base"]], state[layout.slices["after"]]
     stage = _BareStep(e, inputs, x0, p0, outward, homeward)
     flights = [stage.outward, stage.homeward]
-    monitor = ca.SX(0, 1)
-    if monitored:
-        monitor = stage.normal_part_record(state[layout.slices["parasitic"]])
+    record = state[layout.positions("parasitic"), 0]
+    after = ca.vertcat(
+        stage.homeward.target,
+        stage.homeward.momentum,
+        stage.impulse_recorded(record),
+        accumulated(e, state, layout, flights),
+    )
+    composed = len(fractions) > 1
+    finish = _finished(e, inputs.theta, layout, state)
     return StepProgram(
         parameters=inputs.all,
         state=state,
@@ -108,22 +114,35 @@ def bare_program(
         energy=stage.energy,
         # the second flight starts from the updated end of the first
         quadratic=True,
-        next_state=ca.vertcat(
-            e.restore_base(stage.homeward.target),
-            stage.homeward.momentum,
-            monitor,
-            accumulated(e, state, layout, flights),
-        ),
+        next_state=after if composed else ca.substitute(finish, state, after),
         arrow_velocities=stored_velocities(flights, fractions),
         first_guess=ca.vertcat(*[flight.guess(x0, p0) for flight in flights]),
         first_carried=ca.SX(0, 1),
         layout=layout,
-        guards=tuple(stage.guards),
+        guards=(*stage.guards, *inputs.conditioning(stage.middle, stage.middle)),
         finite=e.delicate_potential(stage.homeward.target, inputs.theta),
         fractions=fractions,
         given=inputs.given,
         control_size=e.controls.numel(),
+        finish=finish if composed else None,
     )
+
+
+def _finished(e: SystemExpressions, theta: ca.SX, layout: StateLayout, state: ca.SX) -> ca.SX:
+    """The state at the end of a step: base point restored, normal part of p recorded."""
+    parts = {name: state[layout.slices[name]] for name in layout.slices if name != "before"}
+    x, p = parts["base"], parts["after"]
+    parts["base"] = e.restore_base(x)
+    if "parasitic" in parts:
+        _, largest, impulse, seen, early = ca.vertsplit(parts["parasitic"])
+        xi = e.velocity(x, p, theta)
+        kinetic = ca.sum1(ca.fabs(xi * ca.mtimes(e.metric(x, theta), xi)))
+        normal = ca.sumsqr(e.node(x, theta).normal_component(p))
+        amplitude = normal / (kinetic + 1e-300)
+        largest = ca.fmax(largest, amplitude)
+        early = ca.if_else(seen < EARLY_NODES, largest, early)
+        parts["parasitic"] = ca.vertcat(amplitude, largest, impulse, seen + 1, early)
+    return ca.vertcat(*parts.values())
 
 
 def _node_layout(
@@ -154,29 +173,25 @@ class _BareStep:
         homeward: FlightRule,
     ) -> None:
         half, theta = inputs.h / 2, inputs.theta
-        self.start = e.node(x0, theta)
         self.outward = outward.from_momentum(x0, p0, half, theta, "xi_a")
         self.middle = e.node(self.outward.target, theta)
         reflected = self.middle.reflect(self.outward.momentum)
         self.homeward = homeward.from_momentum(self.outward.target, reflected, half, theta, "xi_b")
-        self.end = e.node(self.homeward.target, theta)
         self.energy = self.outward.energy + self.homeward.energy
         self.guards = [
-            *[Guard(e.reach(x, 2 * eta), Outcome.LEFT_DOMAIN)
-              for flight in (self.outward, self.homeward) for x, eta in flight.pieces],
-            *inputs.conditioning(self.start, self.middle),
-            *inputs.conditioning(self.middle, self.end),
+            Guard(e.reach(x, 2 * eta), Outcome.LEFT_DOMAIN)
+            for flight in (self.outward, self.homeward)
+            for x, eta in flight.pieces
         ]
 
-    def normal_part_record(self, record: ca.SX) -> ca.SX:
-        """Amplitude, its largest, largest impulse (relative squares), nodes seen, largest early."""
-        scale = 2 / (self.energy + 1e-300)
-        impulse = 2 * self.middle.normal_component(self.outward.momentum)
-        amplitude = scale * ca.sumsqr(self.end.normal_component(self.homeward.momentum))
-        largest = ca.fmax(record[1], amplitude)
-        largest_impulse = ca.fmax(record[2], scale * ca.sumsqr(impulse))
-        early = ca.if_else(record[3] < EARLY_NODES, largest, record[4])
-        return ca.vertcat(amplitude, largest, largest_impulse, record[3] + 1, early)
+    def impulse_recorded(self, record: ca.SX) -> ca.SX:
+        """The record with the largest impulse brought up to date: its square, relative to |p|^2."""
+        if not record.numel():
+            return record
+        violation = self.middle.violation(self.outward.momentum)
+        impulse = 4 * ca.dot(violation, self.middle.impulse(self.outward.momentum))
+        relative = 2 * impulse / (self.energy + 1e-300)
+        return ca.vertcat(record[:2], ca.fmax(record[2], relative), record[3:])
 
 
 class _ProjectedStep(_BareStep):
@@ -198,8 +213,9 @@ class _ProjectedStep(_BareStep):
         nu = self.search.value
         displaced = p0 + start.normal_vector(nu) if m else p0
         super().__init__(e, inputs, x0, displaced, outward, homeward)
-        isometry = _matching_isometry(start, self.end, e.metric_is_constant)
-        returned = self.end.normal_component(self.homeward.momentum)
+        end = e.node(self.homeward.target, inputs.theta)
+        isometry = _matching_isometry(start, end, e.metric_is_constant)
+        returned = end.normal_component(self.homeward.momentum)
         self.search.close(ca.mtimes(isometry.T, returned) - nu, self.energy)
         # a new nu shifts both flights; following it here saves most of an iteration. Column by
         # column, so that only the last product waits for the update
@@ -213,9 +229,10 @@ class _ProjectedStep(_BareStep):
             self.search.update,
         )
         self.next_state = ca.vertcat(
-            e.restore_base(self.homeward.target), self.end.project(self.homeward.momentum)
+            e.restore_base(self.homeward.target), end.project(self.homeward.momentum)
         )
-        self.guards += self.search.guards
+        self.guards += inputs.conditioning(start, self.middle)
+        self.guards += [*inputs.conditioning(self.middle, end), *self.search.guards]
 
 
 def _matching_isometry(start: Node, end: Node, same_metric: bool) -> ca.SX:

@@ -90,6 +90,8 @@ class StepProgram:
     fractions : sizes of the stages in units of the step.
     given : what a stage is told besides its state: its fraction, in a composition; then the control
         inputs of the step, ``control_size`` of them.
+    finish : the state a composed step ends with, from parameters and the state after its last
+        stage; None where nothing is left to do.
     left : ``left / energy`` is the squared relative error that the current unknowns leave in the
         next state; zero where the next state is an expression of the updated unknowns only.
     """
@@ -116,6 +118,7 @@ class StepProgram:
     given: ca.SX = field(default_factory=lambda: ca.SX(0, 1))
     control_size: int = 0
     left: ca.SX = field(default_factory=lambda: ca.SX(0))
+    finish: ca.SX | None = None
 
     @property
     def stages(self) -> int:

@@ -139,6 +139,10 @@ class SystemExpressions:
         return self._of_space("trivialised_tangent_minus", self._at_arrow, shape)
 
     @cached_property
+    def _coadjoint(self) -> RecordedFunction:
+        return self._of_space("coadjoint", self._at_arrow, (self.rank, self.rank))
+
+    @cached_property
     def _anchor(self) -> RecordedFunction:
         shape = (self.base_size, self.rank)
         return self._of_space("anchor", {"x": (self.base_size,)}, shape)
@@ -205,8 +209,8 @@ class SystemExpressions:
 
     def transport(self, x: ca.SX, eta: ca.SX, p: ca.SX) -> ca.SX:
         """``-B+^T B-^-T p``: a momentum carried along ``retract(x, eta)``; Ad* on a group."""
-        carried = solve_linear(self.tangent_minus(x, eta).T, p)
-        return -ca.mtimes(self.tangent_plus(x, eta).T, carried)
+        flat = self._coadjoint.call_sx(x, eta)
+        return ca.mtimes(as_matrix(flat, self.rank, self.rank), p)
 
     def anchor(self, x: ca.SX) -> ca.SX:
         """The anchor rho(x), (base_size, r)."""

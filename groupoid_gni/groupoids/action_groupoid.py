@@ -94,6 +94,10 @@ class ActionGroupoid(LieGroupoid):
         """Give the group's B-."""
         return self.group.trivialised_tangent_minus(x[..., :0], xi)
 
+    def coadjoint(self, x: Array, xi: Array) -> Array:
+        """Give the group's coadjoint action."""
+        return self.group.coadjoint(x[..., :0], xi)
+
     def bracket(self, x: Array) -> Array:
         """Give the group's bracket: the frame e_a is constant along Q."""
         return self.group.bracket(x[..., :0])

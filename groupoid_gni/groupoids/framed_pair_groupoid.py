@@ -83,6 +83,13 @@ class FramedPairGroupoid(PairOfPoints):
         )
         return block_diagonal(*blocks)
 
+    def coadjoint(self, x: Array, xi: Array) -> Array:
+        """Give the groups' coadjoint actions, independent of x."""
+        blocks = (
+            group.coadjoint(self._point, velocity) for group, velocity in self._velocities(xi)
+        )
+        return block_diagonal(*blocks)
+
     def bracket(self, x: Array) -> Array:
         """Give the groups' brackets; elements of different groups commute."""
         points = x[..., :0]

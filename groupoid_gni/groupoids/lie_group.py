@@ -309,6 +309,11 @@ class LieGroup(LieGroupoid):
         """Give -dtau^{-1}_{xi} (left) or -dtau^{-1}_{-xi} (right)."""
         return -self.dtau_inverse(xi if self.side == "left" else -xi)
 
+    def coadjoint(self, x: Array, xi: Array) -> Array:
+        """Give Ad_tau(xi)^T (left) or Ad_tau(-xi)^T (right)."""
+        element = self.tau(xi)
+        return transpose(self.Ad(element if self.side == "left" else self.inverse_element(element)))
+
     def bracket(self, x: Array) -> Array:
         """Give the structure constants (left) or minus them (right), shape (..., d, d, d)."""
         sign = 1.0 if self.side == "left" else -1.0

@@ -158,6 +158,17 @@ class LieGroupoid(ABC):
         """
         return self._recorded_minus(x, xi, np.zeros(self.rank))
 
+    def coadjoint(self, x: Array, xi: Array) -> Array:
+        """Give T = -B+^T B-^{-T}, which carries momenta along g = retract(x, xi): p' = T p.
+
+        Shape (..., rank, rank). T is dual to Ad of the bisection with the constant components xi,
+        ``<T p, Ad_g e> = <p, e>``. Left group: Ad_tau(xi)^T; right group: Ad_tau(-xi)^T (lemma
+        9.5).
+        """
+        minus = np.swapaxes(self.trivialised_tangent_minus(x, xi), -1, -2)
+        plus = np.swapaxes(self.trivialised_tangent_plus(x, xi), -1, -2)
+        return -plus @ np.linalg.inv(minus)
+
     def bracket(self, x: Array) -> Array:
         """Give the structure functions C, [e_a, e_b] = C[c, a, b] e_c, of the algebroid.
 

@@ -47,6 +47,10 @@ class PairGroupoid(PairOfPoints):
         """Give minus the identity matrix, shape (..., n, n)."""
         return repeated(-np.eye(self.rank), _common_batch(x, xi))
 
+    def coadjoint(self, x: Array, xi: Array) -> Array:
+        """Give the identity matrix, shape (..., n, n)."""
+        return repeated(np.eye(self.rank), _common_batch(x, xi))
+
     def bracket(self, x: Array) -> Array:
         """Give zero, shape (..., n, n, n)."""
         return repeated(np.zeros((self.rank,) * 3), batch_shape(x))

@@ -86,6 +86,10 @@ class ProductGroupoid(LieGroupoid):
         blocks = (f.trivialised_tangent_minus(part, vel) for f, part, vel in self._fibres(x, xi))
         return block_diagonal(*blocks)
 
+    def coadjoint(self, x: Array, xi: Array) -> Array:
+        """Give the block-diagonal coadjoint action."""
+        return block_diagonal(*(f.coadjoint(part, vel) for f, part, vel in self._fibres(x, xi)))
+
     def bracket(self, x: Array) -> Array:
         """Give the brackets of the factors; elements of different factors commute."""
         return block_structure(*(f.bracket(part) for f, part in self._bases(x)))

@@ -67,7 +67,7 @@ class SO3(RotationGroup):
     def exp(self, xi: Array) -> Array:
         """Give 1 + sin(t)/t w^ + (1 - cos t)/t^2 w^ w^ (Rodrigues), t = |w|."""
         s = dot(xi, xi)
-        return quadratic_in_hat(xi, s, 1.0, sinc_of_square(s), versine_of_square(s))
+        return quadratic_in_hat(xi, 1.0, sinc_of_square(s), versine_of_square(s))
 
     def log(self, element: Array) -> Array:
         """Give the rotation vector, |w| <= pi, through the unit quaternion.
@@ -118,38 +118,41 @@ def cross_matrix(vector: Array) -> Array:
 
 
 def quadratic_in_hat(
-    w: Array, s: Array, one: Array | float, b: Array | float, c: Array | float
+    w: Array, one: Array | float, b: Array | float, c: Array | float
 ) -> Array:
-    """Give one + b w^ + c w^ w^ by components, s = |w|^2, using w^ w^ = w w^T - s."""
+    """Give one + b w^ + c w^ w^ by components, using w^ w^ = w w^T - |w|^2.
+
+    The diagonal is written so that a turn about an axis leaves that axis alone exactly.
+    """
     x, y, z = entries(w)
-    diagonal = one - c * s
     cx, cy, cz = c * x, c * y, c * z
     bx, by, bz = b * x, b * y, b * z
+    xx, yy, zz = cx * x, cy * y, cz * z
     xy, xz, yz = cx * y, cx * z, cy * z
     return matrix_of(
-        (diagonal + cx * x, xy - bz, xz + by),
-        (xy + bz, diagonal + cy * y, yz - bx),
-        (xz - by, yz + bx, diagonal + cz * z),
+        (one - (yy + zz), xy - bz, xz + by),
+        (xy + bz, one - (xx + zz), yz - bx),
+        (xz - by, yz + bx, one - (xx + yy)),
     )
 
 
 def rotation_dexp(w: Array) -> Array:
     """Give dexp_w on so(3)."""
     s = dot(w, w)
-    return quadratic_in_hat(w, s, 1.0, versine_of_square(s), sine_defect_of_square(s))
+    return quadratic_in_hat(w, 1.0, versine_of_square(s), sine_defect_of_square(s))
 
 
 def rotation_dexp_inverse(w: Array) -> Array:
     """Give dexp_w^{-1} on so(3), for |w| < 2 pi."""
     s = dot(w, w)
-    return quadratic_in_hat(w, s, 1.0, -0.5, half_cotangent_defect_of_square(s))
+    return quadratic_in_hat(w, 1.0, -0.5, half_cotangent_defect_of_square(s))
 
 
 def rotation_cay(w: Array) -> Array:
     """Give cay(w) in SO(3)."""
     s = dot(w, w)
     factor = 4 / (4 + s)
-    return quadratic_in_hat(w, s, 1.0, factor, factor / 2)
+    return quadratic_in_hat(w, 1.0, factor, factor / 2)
 
 
 def rotation_cay_inverse(rotation: Array) -> Array:
@@ -167,7 +170,7 @@ def rotation_dcay(w: Array) -> Array:
     """Give dcay_w on so(3)."""
     s = dot(w, w)
     factor = 2 / (4 + s)
-    return quadratic_in_hat(w, s, 2 * factor, factor, 0.0)
+    return quadratic_in_hat(w, 2 * factor, factor, 0.0)
 
 
 def rotation_dcay_inverse(w: Array) -> Array:

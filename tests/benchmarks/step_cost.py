@@ -37,6 +37,8 @@ if __name__ == "__main__":  # also from a checkout that is not installed
 
 import groupoid_gni as gni  # noqa: E402
 from groupoid_gni.codegen import newton_rule as rule  # noqa: E402
+from groupoid_gni.codegen.warm_start import EXTRAPOLATION  # noqa: E402
+from groupoid_gni.discretization.broyden import LEAST_MOVE  # noqa: E402
 from groupoid_gni.discretization.step_program import HISTORY  # noqa: E402
 from groupoid_gni.integrators import compiled_step  # noqa: E402
 
@@ -254,11 +256,12 @@ def c_compiler() -> str | None:
 def compile_c(source: str, flags: list[str], folder: Path) -> Path:
     """A shared library of ``c/source``; the numbers of the stopping rule are passed in."""
     names = (
-        "AT_ROUND_OFF", "PREDICTED", "BEFORE_FIRST", "STAGNATION", "STAGNATION_LEVEL",
+        "AT_ROUND_OFF", "PREDICTED", "BEFORE_FIRST", "LEFT", "STAGNATION", "STAGNATION_LEVEL",
         "MAX_ITERATIONS", "TINY",
     )
-    weights = ", ".join(repr(w) for w in rule.EXTRAPOLATION)
+    weights = ", ".join(repr(w) for w in EXTRAPOLATION)
     macros = [f"-D{name}={getattr(rule, name)!r}" for name in names]
+    macros += [f"-DLEAST_MOVE={LEAST_MOVE!r}"]
     macros += [f"-DHISTORY={HISTORY}", f"-DEXTRAPOLATION={{{weights}}}"]
     label = "_".join(flag.strip("-").replace("=", "-") for flag in flags)
     target = folder / f"{Path(source).stem}_{label}.so"

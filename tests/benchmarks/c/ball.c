@@ -243,7 +243,7 @@ int64_t rattle(const double *parameters, double h, double *state, int64_t steps)
             newton(&g, p.spin, &s, &pi, &work, &energy);
             iterations++;
             double now = work / energy;
-            if (finished(now, last, 1))
+            if (finished(now, last, 0.0, 1))
                 break;
             last = now;
         }
@@ -322,7 +322,10 @@ int64_t projected(const double *parameters, double h, double *state, int64_t ste
             double e1 = j11 * d1 + j12 * d2, e2 = j21 * d1 + j22 * d2;
             double along = moved.first * e1 + moved.second * e2;
             double square = moved.first * moved.first + moved.second * moved.second;
-            if ((square > 1e-20 * energy) & (along > 0.0)) {
+            if (square > LEAST_MOVE * energy && !believable(along, square)) {
+                j11 = j22 = -0.5;
+                j12 = j21 = 0.0;
+            } else if (square > LEAST_MOVE * energy) {
                 double f = 1.0 / along, g1 = f * (moved.first - e1), g2 = f * (moved.second - e2);
                 double row1 = moved.first * j11 + moved.second * j21;
                 double row2 = moved.first * j12 + moved.second * j22;
@@ -345,10 +348,11 @@ int64_t projected(const double *parameters, double h, double *state, int64_t ste
             home = add(home, moved.first, applied(&by_home, hit.spin));
             hit = struck(&middle, second, normal_velocity(&g, &middle, second));
             home = add(home, moved.second, applied(&by_home, hit.spin));
-            work += fabs(closing.first * moved.first) + fabs(closing.second * moved.second);
+            double left = fabs(closing.first * moved.first) + fabs(closing.second * moved.second);
+            work += left;
             iterations++;
             double now = work / energy;
-            if (finished(now, last, 0))
+            if (finished(now, last, left / energy, 0))
                 break;
             last = now;
         }

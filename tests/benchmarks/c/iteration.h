@@ -13,11 +13,12 @@
 #define FAILED (-1)
 enum { MOST_UNKNOWNS = 8 };
 
-/* t = e^2 of the last update and of the one before. */
-INLINE int finished(double now, double last, int quadratic)
+/* t = e^2 of the last update and of the one before, and e^2 left in the next state. */
+INLINE int finished(double now, double last, double left, int quadratic)
 {
     int predicted = quadratic ? now * now * now <= PREDICTED * (last * last)
                               : now * now <= PREDICTED * last;
+    predicted &= left <= LEFT;
     /* one branch, not one per condition */
     return (now <= AT_ROUND_OFF) | predicted
         | ((now >= STAGNATION * last) & (now <= STAGNATION_LEVEL));
@@ -125,11 +126,21 @@ INLINE vector applied(const inverted *m, vector r)
                     m->scale * dot(m->third, r)};
 }
 
+/* Whether Broyden's formula may be believed: `along` is <moved, inverse change>, `square` |moved|^2;
+   what is learnt while the flights are far off is given up for the slope -2. */
+INLINE int believable(double along, double square)
+{
+    return (4.0 * along > square) & (along < 4.0 * square);
+}
+
 /* Broyden's update of the inverse of a scalar slope: the secant. `moved` is 0 at first. */
 INLINE double secant(double inverse, double moved, double change, double energy)
 {
-    int tells = (moved * moved > 1e-20 * energy) & (moved * inverse * change > 0.0);
-    return (tells ? moved : inverse) / (tells ? change : 1.0);
+    double square = moved * moved;
+    int tells = square > LEAST_MOVE * energy;
+    int good = tells & believable(moved * inverse * change, square);
+    double learnt = (good ? moved : inverse) / (good ? change : 1.0);
+    return tells & !good ? -0.5 : learnt;
 }
 
 #endif

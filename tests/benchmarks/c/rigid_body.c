@@ -83,7 +83,7 @@ int64_t rattle(const double *parameters, double h, double *state, int64_t steps)
             newton(&b, m, &s, &pi, &work, &energy);
             iterations++;
             double now = work / energy;
-            if (finished(now, last, 1))
+            if (finished(now, last, 0.0, 1))
                 break;
             last = now;
         }
@@ -132,10 +132,11 @@ int64_t projected(const double *parameters, double h, double *state, int64_t ste
             /* both flights follow nu; the impact turns the normal round */
             out = add(out, moved, applied(&by_out, normal));
             home = add(home, -moved, applied(&by_home, normal));
-            work += fabs(closing * moved);
+            double left = fabs(closing * moved);
+            work += left;
             iterations++;
             double now = work / energy;
-            if (finished(now, last, 0))
+            if (finished(now, last, left / energy, 0))
                 break;
             last = now;
         }

@@ -100,7 +100,7 @@ int64_t rattle(const double *parameters, double h, double *state, int64_t steps)
             newton(&g, p, &s, &q, &work, &energy);
             iterations++;
             double now = work / energy;
-            if (finished(now, last, 1))
+            if (finished(now, last, 0.0, 1))
                 break;
             last = now;
         }
@@ -148,10 +148,11 @@ int64_t projected(const double *parameters, double h, double *state, int64_t ste
             /* both flights follow nu; the impact turns the normal round */
             out = add(out, moved * normal, by_out);
             home = add(home, -moved * normal, by_home);
-            work += fabs(closing * moved);
+            double left = fabs(closing * moved);
+            work += left;
             iterations++;
             double now = work / energy;
-            if (finished(now, last, 0))
+            if (finished(now, last, left / energy, 0))
                 break;
             last = now;
         }
