@@ -239,7 +239,9 @@ class InterpretedStep(StepRunner):
             return verdict, progress, arrows
         memory = np.concatenate([u, recent[:-1].ravel(), carried, memory[-1:] + iterations])
         if self.program.finish is not None and (progress.stage + 1) % self.program.stages == 0:
-            following = np.array(self._finish(parameters, following)).ravel()
+            given = state[len(progress.state) :]
+            end = self._finish(parameters, np.concatenate([following, given]))
+            following = np.array(end).ravel()
         return Outcome.SUCCESS, Progress(following, memory, progress.stage + 1), arrows
 
     def _verdict(self, guards: FloatArray, converged: bool, numbers: list[float]) -> Outcome:

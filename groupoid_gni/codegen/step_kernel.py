@@ -48,10 +48,9 @@ def step_function(program: StepProgram) -> ca.Function:
 
 
 def finish_function(program: StepProgram) -> ca.Function:
-    """(parameters, state after the last stage) -> state at the end of a composed step."""
-    return ca.Function(
-        "finish", [program.parameters, program.state], [ca.cse(ca.densify(program.finish))]
-    )
+    """(parameters, (state after the last stage, given)) -> state at the end of a composed step."""
+    inputs = [program.parameters, ca.vertcat(program.state, program.given)]
+    return ca.Function("finish", inputs, [ca.cse(ca.densify(program.finish))])
 
 
 def step_kernel_ir(program: StepProgram, lanes: int, fused: bool) -> str:
@@ -198,7 +197,8 @@ class _StepKernel:
         e.line("%more = icmp slt i64 %k, %count")
         e.line("br i1 %more, label %step, label %leave")
         e.label("step")
-        self.values.bind_input(1, [*self.state, *self._given()])
+        self.given = self._given()
+        self.values.bind_input(1, [*self.state, *self.given])
 
     def _given(self) -> list[str]:
         """The fraction of the stage and the control inputs of the step."""
@@ -370,7 +370,7 @@ class _StepKernel:
         tape = Tape.of(finish_function(self.program)).optimised()
         values = Values(tape, e)
         values.bind_input(0, self.parameters)
-        values.bind_input(1, new)
+        values.bind_input(1, [*new, *self.given])
         values.emit(tape.needed([0]), [_CONSTANT, _PARAMETER, _STATE])
         end = values.output(0)
         if e.lanes > 1:

@@ -84,24 +84,23 @@ def bare_program(
     """A composition of bare steps K: cheaper, and with the (-1)^k mode of the two-step recursion.
 
     The state carries the size of the normal part of p at the end of a step (the mode itself: zero
-    on the constraint set) now and at its largest, the largest impulse, and how many nodes were
-    seen, as the monitor of the two-step methods does. What only the end of a step needs, this and
-    putting the base point back on its manifold, is done once a step.
+    on the constraint set) now and at its largest, the largest impulse of the constraint force, and
+    how many nodes were seen, as the monitor of the two-step methods does. What only the end of a
+    step needs, this and putting the base point back on its manifold, is done once a step.
     """
     e, inputs = expressions, StepInputs(expressions, composed=len(fractions) > 1)
     layout, state = _node_layout(e, reconstruct, {"parasitic": 5} if e.constraint_count else {})
     x0, p0 = state[layout.slices["base"]], state[layout.slices["after"]]
     stage = _BareStep(e, inputs, x0, p0, outward, homeward)
     flights = [stage.outward, stage.homeward]
-    record = state[layout.positions("parasitic"), 0]
     after = ca.vertcat(
         stage.homeward.target,
         stage.homeward.momentum,
-        stage.impulse_recorded(record),
+        state[layout.positions("parasitic"), 0],
         accumulated(e, state, layout, flights),
     )
     composed = len(fractions) > 1
-    finish = _finished(e, inputs.theta, layout, state)
+    finish = _finished(e, inputs, layout, state)
     return StepProgram(
         parameters=inputs.all,
         state=state,
@@ -128,17 +127,22 @@ def bare_program(
     )
 
 
-def _finished(e: SystemExpressions, theta: ca.SX, layout: StateLayout, state: ca.SX) -> ca.SX:
+def _finished(
+    e: SystemExpressions, inputs: StepInputs, layout: StateLayout, state: ca.SX
+) -> ca.SX:
     """The state at the end of a step: base point restored, normal part of p recorded."""
+    theta = inputs.theta
     parts = {name: state[layout.slices[name]] for name in layout.slices if name != "before"}
     x, p = parts["base"], parts["after"]
     parts["base"] = e.restore_base(x)
     if "parasitic" in parts:
         _, largest, impulse, seen, early = ca.vertsplit(parts["parasitic"])
-        xi = e.velocity(x, p, theta)
-        kinetic = ca.sum1(ca.fabs(xi * ca.mtimes(e.metric(x, theta), xi)))
-        normal = ca.sumsqr(e.node(x, theta).normal_component(p))
-        amplitude = normal / (kinetic + 1e-300)
+        node, xi = e.node(x, theta), e.velocity(x, p, theta)
+        scale = 1 / (ca.sum1(ca.fabs(xi * ca.mtimes(e.metric(x, theta), xi))) + 1e-300)
+        amplitude = scale * ca.sumsqr(node.normal_component(p))
+        # the impulse of a stage would hold the mode itself
+        force = inputs.whole * e.multipliers(x, p, theta)
+        impulse = ca.fmax(impulse, scale * ca.dot(force, ca.mtimes(node.gram, force)))
         largest = ca.fmax(largest, amplitude)
         early = ca.if_else(seen < EARLY_NODES, largest, early)
         parts["parasitic"] = ca.vertcat(amplitude, largest, impulse, seen + 1, early)
@@ -183,15 +187,6 @@ class _BareStep:
             for flight in (self.outward, self.homeward)
             for x, eta in flight.pieces
         ]
-
-    def impulse_recorded(self, record: ca.SX) -> ca.SX:
-        """The record with the largest impulse brought up to date: its square, relative to |p|^2."""
-        if not record.numel():
-            return record
-        violation = self.middle.violation(self.outward.momentum)
-        impulse = 4 * ca.dot(violation, self.middle.impulse(self.outward.momentum))
-        relative = 2 * impulse / (self.energy + 1e-300)
-        return ca.vertcat(record[:2], ca.fmax(record[2], relative), record[3:])
 
 
 class _ProjectedStep(_BareStep):

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import casadi as ca
 
-from groupoid_gni.discretization.elimination import solve_linear
 from groupoid_gni.discretization.system_expressions import SystemExpressions
 
 _LARGEST_QUADRATIC = 3
@@ -68,43 +67,11 @@ def _equations(
     """x' and p'."""
     along_base, force = e.unconstrained_field(x, p, theta)
     if e.constraint_count:
-        mu = e.constraints(x, theta)
-        force = force + ca.mtimes(mu.T, _multipliers(e, x, p, theta, along_base, force))
+        force = force + ca.mtimes(e.constraints(x, theta).T, e.multipliers(x, p, theta))
     few = e.rank <= _LARGEST_QUADRATIC
     if few and not e.base_size and not e.system.has("force"):
         force = _quadratic(force, p)
     return along_base, force
-
-
-def _multipliers(
-    e: SystemExpressions, x: ca.SX, p: ca.SX, theta: ca.SX, along_base: ca.SX, force: ca.SX
-) -> ca.SX:
-    """``-C^-1 d/dt (mu (xi - Y))`` along the unconstrained field, (m,).
-
-    The derivative is written as ``mu' (xi - Y) - mu Y' + mu G^-1 (f0 - A' - G' xi)``, so that
-    nothing solved is differentiated, and what is constant drops out.
-    """
-    point, still = ca.SX.sym("x", e.base_size), ca.SX.sym("still", e.rank)
-
-    def rate(expression: ca.SX, held: ca.SX) -> ca.SX:
-        """Derivative along x' of an expression in ``point``, ``still`` held at a value."""
-        if not e.base_size:
-            return ca.SX(expression.size1(), 1)
-        derivative = ca.Function("rate", [point, still, theta, speed], [
-            ca.jtimes(expression, point, speed)
-        ])
-        return ca.sparsify(derivative(x, held, theta, along_base))
-
-    speed = ca.SX.sym("speed", e.base_size)
-    node = e.node(x, theta)
-    xi, drift = e.velocity(x, p, theta), e.section("drift", x, theta)
-    turning = rate(ca.mtimes(e.constraints(point, theta), still), xi - drift)
-    drifting = rate(e.section("drift", point, theta), xi)
-    pushed = force - rate(
-        ca.mtimes(e.metric(point, theta), still) + e.section("gyroscopic", point, theta), xi
-    )
-    change = turning - ca.mtimes(node.mu, drifting) + ca.mtimes(node.normal.T, pushed)
-    return -solve_linear(node.gram, change)
 
 
 def _arrow_rate(e: SystemExpressions, x: ca.SX, xi: ca.SX, arrow: ca.SX) -> ca.SX:

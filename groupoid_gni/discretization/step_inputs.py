@@ -18,19 +18,19 @@ _VANISHING_ROW = 1e-12
 class StepInputs:
     """Symbols: physical parameters, step size, constraint scales; fraction and control inputs.
 
-    theta, scales, controls : columns.  h : size of the stage; the step size itself, or the fraction
-        of the stage times it.  fraction : the symbol, or 1 where a step is one stage.
+    theta, scales, controls : columns.  whole : the step size.  h : the size of the stage, which is
+        the step size or the fraction of the stage times it.  fraction : the symbol, or 1 where a step is one stage.
     all : what stays the same in a run.  given : what may differ from stage to stage.
     """
 
     def __init__(self, expressions: SystemExpressions, composed: bool = False) -> None:
         self.theta = ca.SX.sym("theta", expressions.parameter_size)
-        whole = ca.SX.sym("h")
+        self.whole = ca.SX.sym("h")
         self.scales = ca.SX.sym("scales", expressions.constraint_count)
         self.controls = expressions.controls
         self.fraction = ca.SX.sym("fraction") if composed else ca.SX(1)
-        self.h = self.fraction * whole if composed else whole
-        self.all = ca.vertcat(self.theta, whole, self.scales)
+        self.h = self.fraction * self.whole if composed else self.whole
+        self.all = ca.vertcat(self.theta, self.whole, self.scales)
         self.given = ca.vertcat(self.fraction, self.controls) if composed else self.controls
 
     def conditioning(self, last: Node, node: Node) -> list[Guard]:

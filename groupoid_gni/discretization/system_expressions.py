@@ -327,18 +327,40 @@ class SystemExpressions:
     def multipliers(self, x: ca.SX, p: ca.SX, theta: ca.SX) -> ca.SX:
         """lambda with ``p' = f0 + mu^T lambda`` (physical force), (m,), by differentiating (25).
 
-        ``theta`` must be symbols, not values.
+        ``-C^-1 d/dt (mu (xi - Y))`` along the unconstrained field, the derivative written as
+        ``mu' (xi - Y) - mu Y' + mu G^-1 (f0 - A' - G' xi)``, so that nothing solved is
+        differentiated, and what is constant drops out. ``theta`` must be symbols, not values.
         """
         if not self.active_rows:
             return ca.SX(0, 1)
-        point, momentum = ca.SX.sym("x", self.base_size), ca.SX.sym("p", self.rank)
-        along_x, along_p = self.unconstrained_field(x, p, theta)
-        violation = self.node(point, theta).violation(momentum)
-        rate = ca.Function(
-            "rate",
-            [point, momentum, theta, velocity := ca.SX.sym("v", self.base_size),
-             push := ca.SX.sym("f", self.rank)],
-            [ca.jtimes(violation, ca.vertcat(point, momentum), ca.vertcat(velocity, push))],
-        )(x, p, theta, along_x, along_p)
+        point, still = ca.SX.sym("x", self.base_size), ca.SX.sym("still", self.rank)
+        along_base, force = self.unconstrained_field(x, p, theta)
+        xi, drift = self.velocity(x, p, theta), self.section("drift", x, theta)
+        momentum = ca.mtimes(self.metric(point, theta), still)
+        momentum += self.section("gyroscopic", point, theta)
+        changing = [
+            (ca.mtimes(self.constraints(point, theta), still), xi - drift),
+            (self.section("drift", point, theta), xi),
+            (momentum, xi),
+        ]
+        turning, drifting, carried = (
+            self._rate(expression, point, still, (x, held, theta, along_base))
+            for expression, held in changing
+        )
         node = self.node(x, theta)
-        return -solve_linear(node.gram, rate)
+        change = turning - ca.mtimes(node.mu, drifting)
+        return -solve_linear(node.gram, change + ca.mtimes(node.normal.T, force - carried))
+
+    def _rate(
+        self, expression: ca.SX, point: ca.SX, still: ca.SX, values: tuple[ca.SX, ...]
+    ) -> ca.SX:
+        """Derivative of an expression in ``point`` along x', ``still`` held.
+
+        values : (x, what is held, theta, x').
+        """
+        if not self.base_size:
+            return ca.SX(expression.size1(), 1)
+        speed = ca.SX.sym("speed", self.base_size)
+        derivative = ca.jtimes(expression, point, speed)
+        inputs = [point, still, values[2], speed]
+        return ca.sparsify(ca.Function("rate", inputs, [derivative])(*values))

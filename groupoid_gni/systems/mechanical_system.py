@@ -337,6 +337,8 @@ class MechanicalSystem:
 
     def checked_again(self, start: State) -> State:
         """A start made earlier, perhaps with other parameters, checked for this system; silent."""
+        if start.checked_by is self:
+            return start
         base = start.base if self.space.base_size else None
         return checked_state(self, base, start.velocity, False, verified=True)[0]
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,18 +30,24 @@ class State:
     """A consistent start: base point, velocity in the frame of AG, momentum; read-only.
 
     active_rows : the constraint rows kept at this state (dependent ones are left out).
+    checked_by : the system that it was checked by, and needs not be checked by again.
     """
 
     base: FloatArray
     velocity: FloatArray
     momentum: FloatArray
     active_rows: tuple[int, ...]
+    checked_by: MechanicalSystem | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         for name in ("base", "velocity", "momentum"):
             own = np.array(getattr(self, name))
             own.setflags(write=False)
             object.__setattr__(self, name, own)
+
+    def __reduce__(self) -> Any:
+        # a system cannot be pickled; in the other process the start is checked again
+        return State, (self.base, self.velocity, self.momentum, self.active_rows)
 
 
 @dataclass(frozen=True)
@@ -99,7 +105,7 @@ def checked_state(
         momentum = metric @ v + system.evaluate("gyroscopic", x)
     if not np.all(np.isfinite(momentum)):
         raise InputError(f"the momentum G xi + A overflows {place(x)}: {momentum}")
-    return State(x, v, momentum, rows.kept), rows
+    return State(x, v, momentum, rows.kept, system), rows
 
 
 def _checked_base(

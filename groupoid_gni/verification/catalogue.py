@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from groupoid_gni import scenes
-from groupoid_gni.discretization import EulerA, EulerB, Midpoint, Rattle
+from groupoid_gni.discretization import EulerA, EulerB, Midpoint, Rattle, Variational
 from groupoid_gni.groupoids import (
     SE2,
     SE3,
@@ -30,7 +30,7 @@ from groupoid_gni.groupoids import (
     QuadraticGroup,
     VectorGroup,
 )
-from groupoid_gni.integrators import GNI, Method, Variational
+from groupoid_gni.integrators import GNI, Method
 from groupoid_gni.scenes import Scene
 from groupoid_gni.systems import MechanicalSystem
 from groupoid_gni.verification.method_view import Section

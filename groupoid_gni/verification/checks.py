@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from hypothesis.errors import Unsatisfiable
 
-from groupoid_gni.discretization import DiscreteLagrangian
 from groupoid_gni.errors import InputError
 from groupoid_gni.groupoids import SE3, SO3, LieGroup, LieGroupoid, QuadraticGroup, Retraction
-from groupoid_gni.integrators import GNI, Method
+from groupoid_gni.integrators import Method, compiled_step
+from groupoid_gni.integrators.methods import SteppingMethod
 from groupoid_gni.integrators.requests import checked_method, checked_step
 from groupoid_gni.systems import MechanicalSystem
 from groupoid_gni.verification.algebroid_laws import ALGEBROID_LAWS
@@ -24,6 +24,7 @@ from groupoid_gni.verification.groupoid_laws import GROUPOID_LAWS
 from groupoid_gni.verification.judging import OnFail, check_laws, require_on_fail, speak
 from groupoid_gni.verification.laws import Law
 from groupoid_gni.verification.method_equation_laws import METHOD_EQUATION_LAWS
+from groupoid_gni.verification.method_flow_laws import METHOD_FLOW_LAWS
 from groupoid_gni.verification.method_run_laws import METHOD_RUN_LAWS
 from groupoid_gni.verification.method_view import MethodView, Section
 from groupoid_gni.verification.report import Finding, LawReport, Verdict, merged
@@ -101,7 +102,10 @@ def check_method(
 ) -> LawReport:
     """Check the discrete equations of a method on a system, and what its runs keep.
 
-    method : ``GNI()`` or a discrete Lagrangian, one of your own too.
+    method : any method that steps: a discrete Lagrangian, one of your own too; ``GNI(...)`` of
+        every order and flow, with projection or without; ``McLachlanPerlmutter(...)``,
+        ``DiscreteLagrangeDAlembert(...)``. Laws that say nothing about it tell why.
+    system : with an external force too, but without control inputs.
     step : the step size, > 0; small enough for the system's velocities of about one.
     symmetries : sections ``x -> (rank,)`` of AG, with values in D, under which L is invariant.
     The other arguments, and what is raised, as for ``check_groupoid``; each law takes a part of
@@ -111,11 +115,19 @@ def check_method(
         raise InputError(
             f"check_method takes a method and a MechanicalSystem, not {type(system).__name__}"
         )
-    if method is None or not isinstance(checked_method(method), (DiscreteLagrangian, GNI)):
+    stepping = None if method is None else checked_method(method)
+    if not isinstance(stepping, SteppingMethod):
         raise InputError(
             f"check_method takes GNI() or a discrete Lagrangian such as Rattle(), not {method!r}: "
-            "its laws are those of equation (49)"
+            "its laws are those of discrete mechanics, equation (49) and what follows from it"
         )
+    if system.control_size:
+        raise InputError(
+            f"check_method takes systems without control inputs, this one has "
+            f"{system.control_size}; write numbers for them into the force"
+        )
+    # a method that does not fit the system says so here, once, and not in every law
+    compiled_step(system, stepping, (), compile=False)
     h = checked_step(step)
     if h < 0.0:
         raise InputError(f"step must be positive, got {step!r}; the laws step back by themselves")
@@ -123,7 +135,7 @@ def check_method(
     try:
         return check_laws(
             f"{method} on {system.space!r}, step {h:g}", {"method": view},
-            (*METHOD_EQUATION_LAWS, *METHOD_RUN_LAWS),
+            (*METHOD_EQUATION_LAWS, *METHOD_RUN_LAWS, *METHOD_FLOW_LAWS),
             on_fail=on_fail, expected_failures=expected_failures, examples=examples, seed=seed,
         )
     except Unsatisfiable as error:

@@ -7,7 +7,7 @@ or a run of another system that is the same mechanics (``method_variants``).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from typing import Any
 
@@ -18,15 +18,15 @@ from hypothesis import strategies as st
 from groupoid_gni.array_types import Array, ArrayLike, FloatArray
 from groupoid_gni.discretization import DiscreteLagrangian, FreeFlight, SystemExpressions
 from groupoid_gni.expressions import record
-from groupoid_gni.integrators import next_arrow
+from groupoid_gni.integrators import GNI, next_arrow
 from groupoid_gni.trajectory import Trajectory
 from groupoid_gni.verification import method_variants as variants
 from groupoid_gni.verification.differences import central_difference
 from groupoid_gni.verification.gaps import Gap, gap
 from groupoid_gni.verification.laws import law
-from groupoid_gni.verification.method_run_laws import motions
+from groupoid_gni.verification.method_run_laws import motions, needs_rows
 from groupoid_gni.verification.method_variants import Variant
-from groupoid_gni.verification.method_view import MethodView
+from groupoid_gni.verification.method_view import ArrowMethod, MethodView
 from groupoid_gni.verification.strategies import algebroid_vectors
 from groupoid_gni.verification.system_view import DenseNode, SystemView
 
@@ -60,10 +60,30 @@ class _Workshop:
         return ca.Function("legendre", [x, xi, h, theta], [ca.densify(side) for side in both])
 
     def definition(self, rule: DiscreteLagrangian) -> tuple[Transform, Transform]:
-        """FL- and FL+ of (48) at the arrow ``retract(x, h xi)``, as functions of (x, xi, h)."""
+        """FL- and FL+ of (48) at the arrow ``retract(x, h xi)``, as functions of (x, xi, h).
+
+        With the impulses of the external force: ``FL- - f-`` and ``FL+ + f+``.
+        """
         if rule not in self._definitions:
-            self._definitions[rule] = _recorded_definition(self.plain, rule)
+            self._definitions[rule] = _recorded_definition(self, rule)
         return self._definitions[rule]
+
+    def push(self, x: FloatArray, xi: FloatArray, step: float) -> FloatArray:
+        """The impulse ``step * f(x, xi)`` of the external force; zero without one."""
+        system = self.view.system
+        if not system.has("force"):
+            return np.zeros(system.space.rank)
+        force = system.recorded("force")(x, xi, system.parameter_vector, np.zeros(0))
+        return step * np.asarray(force, dtype=float)
+
+    def impulses(
+        self, rule: DiscreteLagrangian, x: FloatArray, xi: FloatArray, step: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """What the external force gives at the source and at the target of an arrow."""
+        space = self.view.system.space
+        end = np.asarray(space.target(space.retract(x, step * xi)), dtype=float)
+        first, second = rule.force_weights
+        return first * self.push(x, xi, step), second * self.push(end, xi, step)
 
     free = cached_property(lambda self: variants.without_constraints(self.view.system))
     recombined = cached_property(lambda self: variants.recombined(self.view.system))
@@ -74,8 +94,12 @@ class _Workshop:
 
     def run(self, x: FloatArray, xi: FloatArray, compile: bool = False) -> Trajectory:
         """The run from a start, made once however many laws look at it."""
+        # poses are accumulated in the loop where arrows are not stored
+        options: dict[str, Any] = {
+            "compile": compile, "reconstruct": None if self.view.shows_arrows else True
+        }
         return self._kept(x, xi, f"itself, {compile}", lambda: self.view.run(
-            variants.start(self.view.system, x, xi), _STEPS, compile=compile
+            variants.start(self.view.system, x, xi), _STEPS, **options
         ))
 
     def run_of(self, name: str, x: FloatArray, xi: FloatArray) -> tuple[Variant, Trajectory]:
@@ -128,9 +152,9 @@ def _moved_actions(
 
 
 def _recorded_definition(
-    plain: SystemView, rule: DiscreteLagrangian
+    shop: _Workshop, rule: DiscreteLagrangian
 ) -> tuple[Transform, Transform]:
-    space = plain.system.space
+    plain, space = shop.plain, shop.plain.system.space
     still = np.zeros(space.rank)
     inputs = {"x": (space.base_size,), "xi": (space.rank,), "step": (), "e": (space.rank,)}
     slopes = [
@@ -139,10 +163,12 @@ def _recorded_definition(
     ]
 
     def minus(x: FloatArray, xi: FloatArray, step: float) -> FloatArray:
-        return -np.asarray(slopes[0](x, xi, np.asarray(step), still), dtype=float)
+        slope = np.asarray(slopes[0](x, xi, np.asarray(step), still), dtype=float)
+        return np.asarray(-slope - shop.impulses(rule, x, xi, step)[0])
 
     def plus(x: FloatArray, xi: FloatArray, step: float) -> FloatArray:
-        return np.asarray(slopes[1](x, xi, np.asarray(step), still), dtype=float)
+        slope = np.asarray(slopes[1](x, xi, np.asarray(step), still), dtype=float)
+        return np.asarray(slope + shop.impulses(rule, x, xi, step)[1])
 
     return minus, plus
 
@@ -198,6 +224,47 @@ _by_differences = partial(
 )
 
 
+# What methods show.
+
+
+def _needs_arrows(view: MethodView) -> str | None:
+    return None if view.two_step else "only discrete Lagrangians go by (49) from arrow to arrow"
+
+
+def _needs_rule(view: MethodView) -> str | None:
+    return None if view.variational else "its flights are not those of a discrete Lagrangian"
+
+
+def _needs_shown_flights(view: MethodView) -> str | None:
+    if len(view.fractions) > 1:
+        return "the arrows of a composition are not stored"
+    return _needs_rule(view)
+
+
+def _free_flights_are_shown(view: MethodView) -> str | None:
+    return _needs_shown_flights(replace(view, system=_workshop(view).free))
+
+
+def _needs_arrow_momenta(view: MethodView) -> str | None:
+    if isinstance(view.method, ArrowMethod):
+        return None
+    return "momentum is the same before and after a node: impacts lie between them"
+
+
+def _arrow_momenta_and_rows(view: MethodView) -> str | None:
+    return _needs_arrow_momenta(view) or needs_rows(view)
+
+
+def _needs_stored_arrows(view: MethodView) -> str | None:
+    return None if view.shows_arrows else "the arrows of its steps are not stored"
+
+
+def _nodes_on_constraint(view: MethodView) -> str | None:
+    if view.bare:
+        return "a bare step leaves the constraint by the order of the method"
+    return needs_rows(view)
+
+
 def _legendre_gap(view: MethodView, x: FloatArray, xi: FloatArray, side: int) -> Gap:
     """FL- or FL+ of the library against differences of plain numbers, nothing recorded.
 
@@ -210,19 +277,22 @@ def _legendre_gap(view: MethodView, x: FloatArray, xi: FloatArray, side: int) ->
             shop.legendre(x, xi, step, view.system.parameter_vector)[side], dtype=float
         ).ravel()
         slope = central_difference(partial(moved, x, xi, step), np.zeros(len(xi)), step=_FINE)
-        gaps.append(_momentum_gap(shop.plain, x, library, slope if side else -slope))
+        sign, push = (2 * side - 1), shop.impulses(view.rule, x, xi, step)[side]
+        gaps.append(_momentum_gap(shop.plain, x, library, sign * (slope + push)))
     return _side_by_side(*gaps)
 
 
 @_by_differences("h rho^T dl/dx1 + B+^T dl/dxi = d/de L_d(g retract(beta(g), e))",
-                 "g = retract(x, h xi), L_d = h l(x0, x1, xi)", "equation (48), FL+")
+                 "g = retract(x, h xi), L_d = h l(x0, x1, xi)", "equation (48), FL+",
+                 applies=_needs_rule)
 def legendre_plus_by_definition(view: MethodView, x: FloatArray, xi: FloatArray) -> Gap:
     """The trivialised FL+ is the derivative of L_d along left translations."""
     return _legendre_gap(view, x, xi, 1)
 
 
 @_by_differences("-(h rho^T dl/dx0 + B-^T dl/dxi) = -d/de L_d(retract(alpha(g), e)^-1 g)",
-                 "g = retract(x, h xi), L_d = h l(x0, x1, xi)", "equation (48), FL-")
+                 "g = retract(x, h xi), L_d = h l(x0, x1, xi)", "equation (48), FL-",
+                 applies=_needs_rule)
 def legendre_minus_by_definition(view: MethodView, x: FloatArray, xi: FloatArray) -> Gap:
     """The trivialised FL- is minus the derivative of L_d along right translations."""
     return _legendre_gap(view, x, xi, 0)
@@ -231,20 +301,15 @@ def legendre_minus_by_definition(view: MethodView, x: FloatArray, xi: FloatArray
 # Equation (49), for one arrow.
 
 
-def _needs_arrows(view: MethodView) -> str | None:
-    return None if view.two_step else "a projected step starts from a momentum, not from an arrow"
-
-
-def _needs_rows(view: MethodView) -> str | None:
-    return None if view.system.constraint_count else "there are no constraints"
-
-
 def _arrows_and_rows(view: MethodView) -> str | None:
-    return _needs_arrows(view) or _needs_rows(view)
+    return _needs_arrows(view) or needs_rows(view)
 
 
 def _projected_with_rows(view: MethodView) -> str | None:
-    return "the step is not projected" if view.two_step else _needs_rows(view)
+    if not isinstance(view.method, GNI):
+        return "the step is not projected"
+    shown = needs_rows(view) or _needs_shown_flights(view)
+    return shown or (None if view.projected else "the step is not projected")
 
 
 def _meeting_momenta(
@@ -320,7 +385,8 @@ _along_runs = partial(_on_runs, tolerance=1e-12, reason="steps are solved to rou
 
 
 @_along_runs("p_0 = FL-(g_0), FL+(g_k) = FL-(g_k+1)",
-             "the free flights of runs without constraints", "equation (6); section 8.2")
+             "the free flights of runs without constraints", "equation (6); section 8.2",
+             applies=_free_flights_are_shown)
 def discrete_euler_lagrange(view: MethodView, x: FloatArray, xi: FloatArray) -> Gap:
     """Without constraints momenta match at every point between two flights."""
     shop = _workshop(view)
@@ -332,8 +398,8 @@ def discrete_euler_lagrange(view: MethodView, x: FloatArray, xi: FloatArray) -> 
     return _arrow_gap(view, x, left, right)
 
 
-@_along_runs("p+_k+1 = FL+(g_k), p-_k = FL-(g_k)", "runs of two-step methods",
-             "section 4, pre- and post-momenta; section 8.2", applies=_needs_arrows)
+@_along_runs("p+_k+1 = FL+(g_k), p-_k = FL-(g_k)", "runs from arrow to arrow",
+             "section 4, pre- and post-momenta; section 8.2", applies=_needs_arrow_momenta)
 def momenta_belong_to_their_nodes(view: MethodView, x: FloatArray, xi: FloatArray) -> Gap:
     """Before a node comes the flight that arrives there, after it the one that leaves."""
     shop = _workshop(view)
@@ -387,17 +453,24 @@ def _normal_basis(node: DenseNode) -> FloatArray:
 
 # What holds at the nodes.
 
+def _momenta_at_nodes(run: Trajectory) -> tuple[FloatArray, FloatArray]:
+    """Two momenta whose mean is that of the node: [28] lifts the common part of both on D."""
+    if "momentum" in run.layout.slices:
+        return run.momenta, run.momenta
+    return run.momenta_before, run.momenta_after
+
+
 _ROUND_OFF = "round-off at one node"
 _at_nodes = partial(_on_runs, tolerance=1e-12, reason=_ROUND_OFF)
 
 
 @_at_nodes("mu (G^-1 ((p- + p+)/2 - A) - Y) = 0", "every node of runs",
-           "equation (9b) and below; end of section 8.2", applies=_needs_rows)
+           "equation (9b) and below; end of section 8.2", applies=_nodes_on_constraint)
 def nodes_satisfy_the_constraints(view: MethodView, x: FloatArray, xi: FloatArray) -> Gap:
     """The mean momentum of every node lies on the constraint, linear or affine."""
     shop = _workshop(view)
     plain, run, defects = shop.plain, shop.run(x, xi), []
-    for point, *momenta in zip(run.base, run.momenta_before, run.momenta_after, strict=True):
+    for point, *momenta in zip(run.base, *_momenta_at_nodes(run), strict=True):
         node, mu = plain.node(point), plain.term("constraints", point)
         before, after = (plain.plain_velocity(point, p) for p in momenta)
         speed = node.speed(before, after, node.drift, node.inverse @ node.gyroscopic)
@@ -407,8 +480,8 @@ def nodes_satisfy_the_constraints(view: MethodView, x: FloatArray, xi: FloatArra
     return gap(defects, np.zeros_like(defects), 1.0)
 
 
-@_at_nodes("P* (p-_k - p+_k) = 0", "every node of runs of two-step methods",
-           "equation (49a): the nonholonomic momentum equation", applies=_needs_arrows)
+@_at_nodes("P* (p-_k - p+_k) = 0", "every node of runs from arrow to arrow",
+           "equation (49a): the nonholonomic momentum equation", applies=_needs_arrow_momenta)
 def impulses_annihilate_d(view: MethodView, x: FloatArray, xi: FloatArray) -> Gap:
     """The constraints push along the rows of mu only."""
     shop = _workshop(view)
@@ -420,8 +493,8 @@ def impulses_annihilate_d(view: MethodView, x: FloatArray, xi: FloatArray) -> Ga
     return _momentum_gap(shop.plain, x, left, right)
 
 
-@_at_nodes("p-_k - p+_k = h mu^T lambda_k", "every node of runs of two-step methods",
-           "equation (9a); conventions 6", applies=_arrows_and_rows)
+@_at_nodes("p-_k - p+_k = h mu^T lambda_k", "every node of runs from arrow to arrow",
+           "equation (9a); conventions 6", applies=_arrow_momenta_and_rows)
 def multipliers_are_impulses_per_time(view: MethodView, x: FloatArray, xi: FloatArray) -> Gap:
     """The reported multipliers are what the impacts did."""
     shop = _workshop(view)
@@ -440,13 +513,14 @@ def velocities_belong_to_momenta(view: MethodView, x: FloatArray, xi: FloatArray
     """The velocities of a run are those of its mean momenta."""
     shop = _workshop(view)
     run = shop.run(x, xi)
-    means = (run.momenta_before + run.momenta_after) / 2.0
+    before, after = _momenta_at_nodes(run)
+    means = (before + after) / 2.0
     expected = [shop.plain.plain_velocity(*node) for node in zip(run.base, means, strict=True)]
     return gap(run.velocities, expected)
 
 
-@_at_nodes("alpha(g_k) = x_k, beta(g_k) = x_k+1, t_k = k h", "runs",
-           "Definition 8.1: consecutive arrows compose")
+@_at_nodes("alpha(g_k) = x_k, beta(g_k) = x_k+1, t_k = k h", "runs that store their arrows",
+           "Definition 8.1: consecutive arrows compose", applies=_needs_stored_arrows)
 def arrows_join_the_nodes(view: MethodView, x: FloatArray, xi: FloatArray) -> Gap:
     """Arrows lead from node to node, one step each."""
     run, space = _workshop(view).run(x, xi), view.system.space
@@ -462,6 +536,10 @@ def arrows_join_the_nodes(view: MethodView, x: FloatArray, xi: FloatArray) -> Ga
 
 _TWO_RUNS = "round-off of two runs; h times the last correction of nu where steps are projected"
 _no_difference = partial(_on_runs, tolerance=1e-10, reason=_TWO_RUNS)
+
+
+def _needs_no_frame(view: MethodView) -> str | None:
+    return "which terms are split depends on the frame" if view.splitting else None
 
 
 def _same_motion(view: MethodView, name: str, x: FloatArray, xi: FloatArray) -> Gap:
@@ -481,7 +559,7 @@ def _same_motion(view: MethodView, name: str, x: FloatArray, xi: FloatArray) -> 
 
 @_no_difference("the run with rows A mu and w A mu is the run with rows mu",
                 "invertible A; one dependent row w A mu", "D is the span, not the rows",
-                applies=_needs_rows)
+                applies=needs_rows)
 def choice_of_rows_does_not_matter(view: MethodView, x: FloatArray, xi: FloatArray) -> Gap:
     """Only the subspace matters, not how rows span it, nor a row too many."""
     return _same_motion(view, "recombined", x, xi)
@@ -489,7 +567,8 @@ def choice_of_rows_does_not_matter(view: MethodView, x: FloatArray, xi: FloatArr
 
 @_no_difference("xi = F xi', p' = F^T p, same base points",
                 "the frame e'_a = F e_a of AG; rules that see the velocity through L only",
-                "section 8: nothing depends on the basis of sections")
+                "section 8: nothing depends on the basis of sections",
+                applies=_needs_no_frame)
 def frames_do_not_matter(view: MethodView, x: FloatArray, xi: FloatArray) -> Gap:
     """In another constant frame the motion is the same."""
     return _same_motion(view, "reframed", x, xi)
@@ -524,6 +603,8 @@ def reconstruction_is_the_unreduced_motion(
 
 
 def _needs_coordinates(view: MethodView) -> str | None:
+    if view.splitting:
+        return "Splitting() takes no gyroscopic term"
     if not np.any(variants.coordinate_velocities(view.system.space)):
         return "no velocity is a difference of coordinates; elsewhere only up to the order"
     return None

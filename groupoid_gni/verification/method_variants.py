@@ -250,7 +250,7 @@ def rewritten(
     shift: FloatArray | None = None,
     place: Callable[[Any], Any] = _itself,
 ) -> MechanicalSystem:
-    """The terms of a system, written for another groupoid.
+    """The terms of a system and the force on it, written for another groupoid.
 
     frame : F in ``xi = F xi'``.  rows : A in ``mu' = A mu``.  shift : c in ``A' = A + c``.
     place : from the new base point to the old one.
@@ -275,12 +275,18 @@ def rewritten(
         terms["gyroscopic"] = lambda x, p: f.T @ term("gyroscopic", x, p) + c
     elif shift is not None:
         terms["gyroscopic"] = c
+    push = system._force
+    if push is not None:
+        terms["force"] = lambda x, xi, p: f.T @ array(push(place(x), f @ xi, p))
     return MechanicalSystem(space, parameters=dict(system.parameters), **terms)
 
 
 def without_constraints(system: MechanicalSystem) -> MechanicalSystem:
-    """The same Lagrangian on the same groupoid, moving freely."""
-    terms = {k: v for k, v in system.plain.items() if k not in ("constraints", "drift")}
+    """The same Lagrangian and the same force on the same groupoid, moving freely."""
+    terms: dict[str, Any] = {
+        name: term for name, term in system.plain.items() if name not in ("constraints", "drift")
+    }
+    terms["force"] = system._force
     return MechanicalSystem(system.space, parameters=dict(system.parameters), **terms)
 
 

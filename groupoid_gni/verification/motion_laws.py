@@ -163,11 +163,20 @@ def base_gradient_is_the_slope_of_the_lagrangian(
 # Equations of motion.
 
 
+def _external_force(view: SystemView, x: FloatArray, velocity: FloatArray) -> FloatArray:
+    """f(x, v) without control inputs; zero where the system has none."""
+    system = view.system
+    if not system.has("force"):
+        return np.zeros_like(velocity)
+    inputs = np.zeros(system.control_size)
+    return np.asarray(system.recorded("force")(x, velocity, view.theta, inputs), dtype=float)
+
+
 class _Forces:
     """The parts of ``x', p'`` in plain NumPy.
 
     Anchor and bracket are differentiated from the seven functions of the groupoid.
-    along_base : ``rho v``.  free : ``rho^T dL/dx + <p, [v, e_a]>``.
+    along_base : ``rho v``.  free : ``rho^T dL/dx + <p, [v, e_a]>``, and the external force.
     constraint : ``mu^T lambda``, from the rate of the constraints along the free motion.
     size : of every term of these, and of what turning constraints do, added up.
     """
@@ -187,7 +196,9 @@ class _Forces:
             size = np.abs(anchor).T @ np.sum(np.abs(slopes), axis=0)
         bracket = np.einsum("c,cba,b->acb", p, view.derived.bracket(x), velocity)
         self.free = self.free + np.sum(bracket, axis=(1, 2))
-        size = size + np.sum(np.abs(bracket), axis=(1, 2))
+        push = _external_force(view, x, velocity)
+        self.free = self.free + push
+        size = size + np.sum(np.abs(bracket), axis=(1, 2)) + np.abs(push)
         rate = partial(_rate_of_constraints, view, derive, x, p, self.along_base)
         self.constraint = -node.mu.T @ inverse_of(node.gram) @ rate(self.free)
         turning = node.mu.T @ inverse_of(node.gram) @ rate(np.zeros_like(p))
@@ -259,7 +270,8 @@ def base_moves_by_the_anchor(
     return Gap(view.rates(x, p)[0] / units, anchor @ velocity / units, scale)
 
 
-@_slope_law("p_a' = rho_a^i dL/dx^i + <p, [v, e_a]> + lambda mu_a", "p in A*_x G", "(2a) on AG")
+@_slope_law("p_a' = rho_a^i dL/dx^i + <p, [v, e_a]> + lambda mu_a + f_a", "p in A*_x G",
+            "(2a) on AG")
 def momentum_moves_by_the_forces(
     view: SystemView, x: FloatArray, p: FloatArray, **_: FloatArray
 ) -> Gap:
@@ -313,11 +325,13 @@ def _power_gap(view: SystemView, x: FloatArray, p: FloatArray, allowed_power: bo
     for _ in range(2):  # once more, for what rounding leaves of a large normal part
         p = node.along @ p + node.across @ node.offset
     along_x, along_p = view.rates(x, p)
-    power = _constraint_force(view, x, p) @ node.drift if allowed_power else 0.0
+    velocity = node.inverse @ (p - node.gyroscopic)
+    power = float(_external_force(view, x, velocity) @ velocity)
+    power += float(_constraint_force(view, x, p) @ node.drift) if allowed_power else 0.0
 
     def against(derive: Derivative) -> Gap:
         rate = _rate(derive, view.energy_terms, x, p, along_x, along_p)
-        speed = node.speed(node.inverse @ (p - node.gyroscopic), node.drift)
+        speed = node.speed(velocity, node.drift)
         scale = node.condition * _natural_size(view, x, p, derive) * speed
         return Gap(rate, np.array(power), scale or 1.0)
 
@@ -328,7 +342,7 @@ def _no_drift(view: SystemView) -> str | None:
     return "the system has a drift" if view.system.has("drift") else None
 
 
-@_slope_law("dH/dt = 0 along the equations of motion", "mu v = 0, Y = 0",
+@_slope_law("dH/dt = <f, v> along the equations of motion", "mu v = 0, Y = 0, f the external force",
             "Section 1: energy is preserved when the constraints are linear", applies=_no_drift)
 def motion_keeps_the_energy(
     view: SystemView, x: FloatArray, p: FloatArray, **_: FloatArray
@@ -337,7 +351,7 @@ def motion_keeps_the_energy(
     return _power_gap(view, x, p, allowed_power=False)
 
 
-@_slope_law("dH/dt = <mu^T lambda, Y> along the equations of motion", "mu (v - Y) = 0",
+@_slope_law("dH/dt = <mu^T lambda, Y> + <f, v> along the equations of motion", "mu (v - Y) = 0",
             "(24): affine constraints work along the drift alone", applies=has_term("drift"))
 def constraints_work_along_the_drift(
     view: SystemView, x: FloatArray, p: FloatArray, **_: FloatArray

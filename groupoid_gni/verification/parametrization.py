@@ -23,6 +23,7 @@ from groupoid_gni.verification.convention_laws import CONVENTION_LAWS
 from groupoid_gni.verification.groupoid_laws import GROUPOID_LAWS
 from groupoid_gni.verification.laws import Law
 from groupoid_gni.verification.method_equation_laws import METHOD_EQUATION_LAWS
+from groupoid_gni.verification.method_flow_laws import METHOD_FLOW_LAWS
 from groupoid_gni.verification.method_run_laws import METHOD_RUN_LAWS
 from groupoid_gni.verification.report import LawReport, Verdict
 from groupoid_gni.verification.retraction_laws import RETRACTION_LAWS
@@ -143,7 +144,7 @@ def _checks_of(subject: Any, options: dict[str, Any]) -> tuple[str, list[_Check]
     if isinstance(subject, tuple) and len(subject) == 2:
         method, system = subject
         if isinstance(system, MechanicalSystem):
-            laws = (*METHOD_EQUATION_LAWS, *METHOD_RUN_LAWS)
+            laws = (*METHOD_EQUATION_LAWS, *METHOD_RUN_LAWS, *METHOD_FLOW_LAWS)
             name = f"{method} on {system.space!r}"
             return name, [one(laws, check_method, method, system)]
     raise InputError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import re
 import warnings
 
@@ -701,3 +702,14 @@ def test_the_runner_of_a_method_is_made_once_per_set_of_active_rows(knife_edge):
     assert compiled_step(knife_edge, gni.GNI(), ()) is not compiled_step(
         knife_edge, gni.GNI(), (0,)
     )
+
+
+def test_a_start_survives_pickling_and_is_checked_again_where_it_arrives(knife_edge):
+    start = knife_edge.state([0.3, -0.2, 0.5], [0.4, 0.7, 0.0], project_start=True)
+    again = pickle.loads(pickle.dumps(start))
+    assert start.checked_by is knife_edge
+    assert again.checked_by is None
+    np.testing.assert_array_equal(again.momentum, start.momentum)
+    checked = knife_edge.checked_again(again)
+    assert checked.checked_by is knife_edge
+    assert knife_edge.checked_again(checked) is checked
