@@ -8,8 +8,9 @@ step is one stage or, in a composition, several; everything here counts stages.
 from __future__ import annotations
 
 import ctypes
+import time
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -30,12 +31,13 @@ class Progress:
     """Where a run stands: everything needed to go on, bit for bit. Never changed in place.
 
     state : (n,).  memory : unknowns of the last stages, carried values, Newton count.
-    stage : number of stages done.
+    stage : number of stages done.  seconds : wall time of the loop that did them.
     """
 
     state: FloatArray
     memory: FloatArray
     stage: int = 0
+    seconds: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ class StepRunner(ABC):
         )
         recent = np.tile(guess if unknowns is None else unknowns, self.program.history)
         memory = np.concatenate([recent, carried, progress.memory[-1:]])
-        return Progress(progress.state, memory, progress.stage)
+        return replace(progress, memory=memory)
 
     def solve_carefully(
         self, parameters: FloatArray, progress: Progress, controls: FloatArray | None = None
@@ -182,9 +184,12 @@ class CompiledStep(StepRunner):
         status = np.zeros(2, dtype=np.int64)
         state, memory = progress.state.copy(), progress.memory.copy()
         arrays = (parameters, state, memory, rows, status)
-        done = self._advance(*[a.ctypes.data for a in arrays], first, count, every, *more)
+        given = [a.ctypes.data for a in arrays]
+        began = time.perf_counter()
+        done = self._advance(*given, first, count, every, *more)
+        seconds = progress.seconds + time.perf_counter() - began
         kept = rows[: (first + done) // every - first // every]
-        return Progress(state, memory, first + done), kept, Outcome(int(status[0]))
+        return Progress(state, memory, first + done, seconds), kept, Outcome(int(status[0]))
 
 
 @dataclass(frozen=True)
@@ -209,7 +214,7 @@ class InterpretedStep(StepRunner):
     ) -> tuple[Progress, FloatArray, Outcome]:
         """See the base class."""
         rows = []
-        outcome = Outcome.SUCCESS
+        outcome, began = Outcome.SUCCESS, time.perf_counter() - progress.seconds
         for _ in range(count):
             outcome, following, arrows = self._one_stage(parameters, progress, controls)
             if outcome is not Outcome.SUCCESS:
@@ -217,6 +222,7 @@ class InterpretedStep(StepRunner):
             progress = following
             if progress.stage % every == 0:
                 rows.append(np.concatenate([progress.state, arrows, progress.memory[-1:]]))
+        progress = replace(progress, seconds=time.perf_counter() - began)
         return progress, np.array(rows).reshape(-1, self.program.row_size), outcome
 
     def _one_stage(

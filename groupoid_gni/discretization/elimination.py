@@ -31,13 +31,21 @@ def rows_of(matrix: ca.SX) -> list[Row]:
 
 def coupled_groups(matrix: ca.SX) -> list[list[int]]:
     """Connected components of the sparsity pattern of a square matrix."""
-    n = matrix.size1()
-    label = list(range(n))
+    leader = list(range(matrix.size1()))
+
+    def find(i: int) -> int:
+        while leader[i] != i:
+            leader[i] = leader[leader[i]]
+            i = leader[i]
+        return i
+
     for i, j in zip(*matrix.sparsity().get_triplet(), strict=True):
-        low, high = sorted((label[i], label[j]))
-        if low != high:
-            label = [low if entry == high else entry for entry in label]
-    return [[i for i in range(n) if label[i] == name] for name in sorted(set(label))]
+        low, high = sorted((find(i), find(j)))
+        leader[high] = low
+    groups: dict[int, list[int]] = {}
+    for i in range(len(leader)):
+        groups.setdefault(find(i), []).append(i)
+    return list(groups.values())
 
 
 def solve_linear(matrix: ca.SX, right_hand_side: ca.SX) -> ca.SX:
@@ -48,13 +56,22 @@ def solve_linear(matrix: ca.SX, right_hand_side: ca.SX) -> ca.SX:
     do not wait for one another and which divides once; more by elimination.
     Raises ``ZeroDivisionError`` when no structurally nonzero diagonal pivot is left.
     """
-    n, k = right_hand_side.shape
-    solution = ca.SX(n, k)
     matrix = ca.sparsify(matrix)
-    for group in coupled_groups(matrix):
-        block, given = matrix[group, group], right_hand_side[group, :]
-        solution[group, :] = _cramer(block, given) if len(group) <= 3 else _eliminated(block, given)
-    return solution
+    groups = coupled_groups(matrix)
+    if len(groups) == 1:
+        return _solved(matrix, right_hand_side)
+    parts, order = [], []
+    for group in groups:
+        parts.append(_solved(matrix[group, group], right_hand_side[group, :]))
+        order += group
+    place = sorted(range(len(order)), key=order.__getitem__)
+    return ca.vertcat(*parts)[place, :] if parts else ca.SX(*right_hand_side.shape)
+
+
+def _solved(matrix: ca.SX, right_hand_side: ca.SX) -> ca.SX:
+    if matrix.size1() <= 3:
+        return _cramer(matrix, right_hand_side)
+    return _eliminated(matrix, right_hand_side)
 
 
 def symmetric_inverse(matrix: ca.SX) -> ca.SX:
@@ -152,29 +169,49 @@ def _back_substitute(rows: list[Row], order: list[int], n: int, k: int) -> ca.SX
 
 def cholesky(matrix: ca.SX) -> tuple[ca.SX, list[Any]]:
     """Lower factor L with ``L L^T = matrix``, and its pivots L_ii^2, which need no square root."""
-    n = matrix.size1()
     unit, pivots = unit_triangular_factor(matrix)
-    roots = [ca.sqrt(pivot) for pivot in pivots]
-    lower = ca.SX(n, n)
-    for i in range(n):
-        for j in range(i + 1):
-            lower[i, j] = unit[i, j] * roots[j]
-    return lower, pivots
+    roots = ca.vertcat(*[ca.sqrt(pivot) for pivot in pivots]) if pivots else ca.SX(0, 1)
+    return ca.mtimes(unit, ca.diag(roots)), pivots
 
 
 def unit_triangular_factor(matrix: ca.SX) -> tuple[ca.SX, list[Any]]:
-    """L with ones on its diagonal and the pivots D of ``L D L^T = matrix``."""
+    """L with ones on its diagonal and the pivots D of ``L D L^T = matrix``.
+
+    Row by row over the structurally nonzero entries: uncoupled rows cost nothing.
+    """
     n = matrix.size1()
-    unit = ca.SX.eye(n)
+    given = rows_of(ca.sparsify(matrix))
+    unit: list[Row] = []
     pivots: list[Any] = []
     for i in range(n):
-        scaled: list[Any] = []
-        for j in range(i):
-            rest = sum((scaled[k] * unit[j, k] for k in range(j)), ca.SX(0))
-            scaled.append(matrix[i, j] - rest)
-            unit[i, j] = scaled[j] / pivots[j]
-        pivots.append(matrix[i, i] - sum((scaled[k] * unit[i, k] for k in range(i)), ca.SX(0)))
-    return unit, pivots
+        row: Row = {}
+        scaled: Row = {}
+        for j in range(min(given[i], default=i), i):
+            rest = given[i].get(j)
+            for k, value in unit[j].items():
+                if k in scaled:
+                    product = scaled[k] * value
+                    rest = -product if rest is None else rest - product
+            if rest is not None:
+                scaled[j], row[j] = rest, rest / pivots[j]
+        pivots.append(given[i].get(i, ca.SX(0)) - sum(
+            (scaled[k] * row[k] for k in scaled), ca.SX(0)
+        ))
+        unit.append(row)
+    return _matrix_of(unit, n) + ca.SX.eye(n), pivots
+
+
+def _matrix_of(rows: list[Row], columns: int) -> ca.SX:
+    """The sparse matrix of the given rows."""
+    entries = [(i, j, value) for i, row in enumerate(rows) for j, value in row.items()]
+    if not entries:
+        return ca.SX(len(rows), columns)
+    matrix = ca.SX(ca.Sparsity.triplet(
+        len(rows), columns, [i for i, _, _ in entries], [j for _, j, _ in entries]
+    ))
+    for i, j, value in entries:
+        matrix[i, j] = value
+    return matrix
 
 
 def determinant(matrix: ca.SX) -> ca.SX:
@@ -191,23 +228,25 @@ def determinant(matrix: ca.SX) -> ca.SX:
 
 def solve_lower(lower: ca.SX, right_hand_side: ca.SX) -> ca.SX:
     """Forward substitution ``L^{-1} b`` for a column b."""
-    n = lower.size1()
     solution: list[Any] = []
-    for i in range(n):
+    for i, row in enumerate(rows_of(lower)):
         value = right_hand_side[i]
-        for j in range(i):
-            value = value - lower[i, j] * solution[j]
-        solution.append(value / lower[i, i])
+        for j in sorted(row):
+            if j < i:
+                value = value - row[j] * solution[j]
+        solution.append(value / row[i])
     return ca.vertcat(*solution) if solution else ca.SX.zeros(0, 1)
 
 
 def solve_upper(lower: ca.SX, right_hand_side: ca.SX) -> ca.SX:
     """Back substitution ``L^{-T} b`` for a column b."""
-    n = lower.size1()
+    columns = rows_of(lower.T)
+    n = len(columns)
     solution: list[Any] = [None] * n
     for i in reversed(range(n)):
         value = right_hand_side[i]
-        for j in range(i + 1, n):
-            value = value - lower[j, i] * solution[j]
-        solution[i] = value / lower[i, i]
+        for j in sorted(columns[i]):
+            if j > i:
+                value = value - columns[i][j] * solution[j]
+        solution[i] = value / columns[i][i]
     return ca.vertcat(*solution) if solution else ca.SX.zeros(0, 1)

@@ -110,16 +110,12 @@ class FreeFlight(FlightRule):
                 f"{self._name} is singular: its momentum does not determine the velocity. The "
                 "average must depend on the velocity in every direction, as L does"
             )
+        implicit, explicit = _implicit_and_explicit(jacobian, xi)
         velocity = ca.SX(xi)
-        implicit: list[int] = []
-        for group in coupled_groups(jacobian):
-            block = jacobian[group, group]
-            if ca.depends_on(block, xi):
-                implicit.extend(group)
-                continue
-            at_rest = ca.substitute(residual[group, 0], xi[group, 0], ca.SX.zeros(len(group), 1))
-            velocity[group, 0] = -_solved(block, at_rest, theta)
-        implicit.sort()
+        if explicit:
+            unknown = xi[explicit, 0]
+            at_rest = ca.substitute(residual[explicit, 0], unknown, ca.SX.zeros(len(explicit), 1))
+            velocity[explicit, 0] = -_solved(jacobian[explicit, explicit], at_rest, theta)
         block = jacobian[implicit, implicit]
         update = solve_linear(block, residual[implicit, 0])
         velocity[implicit, 0] = xi[implicit, 0] - update
@@ -147,6 +143,19 @@ class FreeFlight(FlightRule):
             force_work=ca.dot(pushed, velocity),
         )
 
+
+
+def _implicit_and_explicit(jacobian: ca.SX, xi: ca.SX) -> tuple[list[int], list[int]]:
+    """Components that need a solver, and those whose equations are affine and apart from them."""
+    rows, _ = jacobian.sparsity().get_triplet()
+    moving = ca.which_depends(ca.vertcat(*jacobian.nonzeros()), xi, 1, True)
+    turned = {row for row, depends in zip(rows, moving, strict=True) if depends}
+    implicit: list[int] = []
+    for group in coupled_groups(jacobian):
+        if turned.intersection(group):
+            implicit.extend(group)
+    explicit = sorted(set(range(xi.numel())) - set(implicit))
+    return sorted(implicit), explicit
 
 
 def _solved(block: ca.SX, right_hand_side: ca.SX, theta: ca.SX) -> ca.SX:

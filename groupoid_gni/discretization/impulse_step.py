@@ -11,6 +11,7 @@ from __future__ import annotations
 import casadi as ca
 
 from groupoid_gni.discretization.broyden import Broyden
+from groupoid_gni.discretization.elimination import coupled_groups
 from groupoid_gni.discretization.flight import FlightRule
 from groupoid_gni.discretization.nonholonomic_step import accumulated, accumulated_parts
 from groupoid_gni.discretization.projected_step import stored_velocities
@@ -35,8 +36,8 @@ def impulse_program(
     x0, p0 = state[layout.slices["base"]], state[layout.slices["after"]]
     half, theta, m = inputs.h / 2, inputs.theta, e.constraint_count
     # an impulse is an odd function of the stage size
-    search = Broyden(m, inputs.fraction, slope=1.0, power=1)
     start = e.node(x0, theta)
+    search = Broyden(coupled_groups(start.gram), inputs.fraction, slope=1.0, power=1)
     first = outward.from_momentum(x0, p0, half, theta, "xi_a")
     middle = e.node(first.target, theta)
     pushed = first.momentum + ca.mtimes(middle.mu.T, search.value)

@@ -15,7 +15,7 @@ from __future__ import annotations
 import casadi as ca
 
 from groupoid_gni.discretization.broyden import Broyden
-from groupoid_gni.discretization.elimination import solve_linear, solve_lower, solve_upper
+from groupoid_gni.discretization.elimination import coupled_groups, solve_linear, solve_lower
 from groupoid_gni.discretization.flight import Flight, FlightRule
 from groupoid_gni.discretization.nonholonomic_step import (
     EARLY_NODES,
@@ -26,6 +26,8 @@ from groupoid_gni.discretization.step_inputs import StepInputs
 from groupoid_gni.discretization.step_program import Guard, StateLayout, StepProgram
 from groupoid_gni.discretization.system_expressions import Node, SystemExpressions
 from groupoid_gni.outcomes import Outcome
+
+_COLUMNS = 3
 
 
 def projected_program(
@@ -204,23 +206,19 @@ class _ProjectedStep(_BareStep):
         m = e.constraint_count
         start = e.node(x0, inputs.theta)
         # nu is an even function of the stage size about the middle of the stage
-        self.search = Broyden(m, inputs.fraction, slope=-2.0, power=2)
+        groups = coupled_groups(start.gram)
+        self.search = Broyden(groups, inputs.fraction, slope=-2.0, power=2)
         nu = self.search.value
         displaced = p0 + start.normal_vector(nu) if m else p0
         super().__init__(e, inputs, x0, displaced, outward, homeward)
         end = e.node(self.homeward.target, inputs.theta)
-        isometry = _matching_isometry(start, end, e.metric_is_constant)
+        isometry = _matching_isometry(start, end, e.metric_is_constant, groups)
         returned = end.normal_component(self.homeward.momentum)
         self.search.close(ca.mtimes(isometry.T, returned) - nu, self.energy)
-        # a new nu shifts both flights; following it here saves most of an iteration. Column by
-        # column, so that only the last product waits for the update
-        units = ca.horzsplit(ca.SX.eye(m))
-        lent = ca.horzcat(ca.SX(e.rank, 0), *[start.normal_vector(unit) for unit in units])
-        to_outward = self.outward.response(lent)
-        to_homeward = self.homeward.response(self.middle.reflect_change(lent))
+        to_outward, to_homeward = self._followed(start, nu)
         self.update = ca.vertcat(
-            self.outward.update + ca.mtimes(to_outward, self.search.change),
-            self.homeward.update + ca.mtimes(to_homeward, self.search.change),
+            self.outward.update + to_outward,
+            self.homeward.update + to_homeward,
             self.search.update,
         )
         self.next_state = ca.vertcat(
@@ -229,33 +227,64 @@ class _ProjectedStep(_BareStep):
         self.guards += inputs.conditioning(start, self.middle)
         self.guards += [*inputs.conditioning(self.middle, end), *self.search.guards]
 
+    def _followed(self, start: Node, nu: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """How the unknowns of both flights follow the change of nu, to first order.
 
-def _matching_isometry(start: Node, end: Node, same_metric: bool) -> ca.SX:
-    """The orthogonal factor W of ``N1^T S N0`` with ``S = (G0^-1 + G1^-1) / 2``."""
+        A new nu shifts both flights; following it here saves most of an iteration. Few components
+        go column by column, so that only the last product waits for the change.
+        """
+        m = nu.numel()
+        if m > _COLUMNS:
+            lent = start.normal_vector(self.search.change)
+            hit = self.middle.reflect_change(lent)
+            return self.outward.response(lent), self.homeward.response(hit)
+        columns = [start.normal_vector(unit) for unit in ca.horzsplit(ca.SX.eye(m))]
+        lent = ca.horzcat(ca.SX(start.metric.size1(), 0), *columns)
+        hit = self.middle.reflect_change(lent)
+        change = self.search.change
+        return (
+            ca.mtimes(self.outward.response(lent), change),
+            ca.mtimes(self.homeward.response(hit), change),
+        )
+
+
+def _matching_isometry(
+    start: Node, end: Node, same_metric: bool, groups: list[list[int]]
+) -> ca.SX:
+    """The orthogonal factor W of ``N1^T S N0`` with ``S = (G0^-1 + G1^-1) / 2``.
+
+    groups : rows coupled by C; N is block diagonal in them, and so is W.
+    """
     m = start.mu.size1()
-    if m == 0:
-        return ca.SX(0, 0)
-    overlap = _overlap(start, end, same_metric)
+    isometry = ca.SX(m, m)
+    crossed = ca.mtimes(end.normal.T, start.mu.T)
+    if not same_metric:
+        crossed = (crossed + ca.mtimes(end.mu, start.normal)) / 2
+    for group in groups:
+        lower = start.lower[group, group], end.lower[group, group]
+        overlap = _overlap(crossed[group, group], *lower)
+        isometry[group, group] = _polar_factor(overlap)
+    return ca.sparsify(isometry)
+
+
+def _overlap(crossed: ca.SX, first: ca.SX, last: ca.SX) -> ca.SX:
+    """``L1^-1 (mu1 S mu0^T) L0^-T``."""
+    half = ca.horzcat(*[solve_lower(last, column) for column in ca.horzsplit(crossed)])
+    return ca.horzcat(*[solve_lower(first, row.T) for row in ca.vertsplit(half)]).T
+
+
+def _polar_factor(overlap: ca.SX) -> ca.SX:
+    """Orthogonal polar factor of a matrix within O(h^2) of an isometry."""
+    m = overlap.size1()
     if m == 1:
         return ca.if_else(overlap >= 0, 1, -1)
     if m == 2:
         return _polar_of_two(overlap)
     polar = overlap
     for _ in range(6):
-        # Newton's iteration for the polar factor; the overlap is within O(h^2) of an isometry
+        # Newton's iteration for the polar factor
         polar = (polar + solve_linear(polar.T, ca.SX.eye(m))) / 2
     return polar
-
-
-def _overlap(start: Node, end: Node, same_metric: bool) -> ca.SX:
-    columns = []
-    for unit in ca.horzsplit(ca.SX.eye(start.mu.size1())):
-        column = solve_lower(end.lower, ca.mtimes(end.normal.T, start.normal_vector(unit)))
-        if not same_metric:
-            raised = ca.mtimes(start.normal, solve_upper(start.lower, unit))
-            column = (column + solve_lower(end.lower, ca.mtimes(end.mu, raised))) / 2
-        columns.append(column)
-    return ca.horzcat(*columns)
 
 
 def _polar_of_two(a: ca.SX) -> ca.SX:

@@ -6,7 +6,7 @@ import math
 
 import casadi as ca
 
-from groupoid_gni.discretization.elimination import determinant
+from groupoid_gni.discretization.elimination import coupled_groups, determinant
 from groupoid_gni.discretization.step_program import Guard
 from groupoid_gni.discretization.system_expressions import Node, SystemExpressions
 from groupoid_gni.outcomes import Outcome
@@ -19,7 +19,8 @@ class StepInputs:
     """Symbols: physical parameters, step size, constraint scales; fraction and control inputs.
 
     theta, scales, controls : columns.  whole : the step size.  h : the size of the stage, which is
-        the step size or the fraction of the stage times it.  fraction : the symbol, or 1 where a step is one stage.
+        the step size or the fraction of the stage times it.  fraction : the symbol, or 1 where a
+        step is one stage.
     all : what stays the same in a run.  given : what may differ from stage to stage.
     """
 
@@ -54,7 +55,8 @@ class StepInputs:
             worse = ca.if_else(definite, worse, -1) if node.metric_pivots else worse
             guards.append(Guard(1 + worse, singular, decisive=True))
         if node.pivots and not ca.is_equal(ca.cse(last.mu), ca.cse(node.mu), 1):
-            facing = determinant(ca.mtimes(last.mu, node.normal))
-            scale = math.prod(ca.vertsplit(self.scales))
-            guards.append(Guard(1 - facing / scale, singular))
+            facing = ca.mtimes(last.mu, node.normal)
+            for group in coupled_groups(facing):
+                scale = math.prod(ca.vertsplit(self.scales[group]))
+                guards.append(Guard(1 - determinant(facing[group, group]) / scale, singular))
         return guards

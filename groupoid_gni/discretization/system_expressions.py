@@ -148,9 +148,15 @@ class SystemExpressions:
         return self._of_space("anchor", {"x": (self.base_size,)}, shape)
 
     @cached_property
-    def _bracket(self) -> RecordedFunction:
-        shape = (self.rank, self.rank, self.rank)
-        return self._of_space("bracket", {"x": (self.base_size,)}, shape)
+    def _ad_star(self) -> RecordedFunction:
+        return self._of_space("ad_star", {**self._at_arrow, "p": (self.rank,)}, (self.rank,))
+
+    @cached_property
+    def _metric_inverse(self) -> ca.Function:
+        """theta -> G^-1 of a constant metric, exactly symmetric."""
+        theta = ca.SX.sym("theta", self.parameter_size)
+        metric = self.metric(ca.SX.sym("x", self.base_size), theta)
+        return ca.Function("inverse", [theta], [symmetric_inverse(metric)])
 
     @cached_property
     def _reach(self) -> RecordedFunction:
@@ -291,10 +297,9 @@ class SystemExpressions:
         same rounded G^-1: solved for twice, its two roundings made the energy of long runs drift by
         3e-16 a step.
         """
-        metric = self.metric(x, theta)
-        if not self.metric_is_constant:
-            return solve_linear(metric, q)
-        return ca.mtimes(symmetric_inverse(metric), q)
+        if self.metric_is_constant:
+            return ca.mtimes(self._metric_inverse(theta), q)
+        return solve_linear(self.metric(x, theta), q)
 
     def energy(self, x: ca.SX, p: ca.SX, theta: ca.SX) -> ca.SX:
         """``<p, xi> - L`` at the velocity of p."""
@@ -314,12 +319,10 @@ class SystemExpressions:
     def unconstrained_field(self, x: ca.SX, p: ca.SX, theta: ca.SX) -> tuple[ca.SX, ca.SX]:
         """``x' = rho xi`` and ``p_a' = rho_a^i dL/dx^i + <p, [xi, e_a]>`` without constraints."""
         xi = self.velocity(x, p, theta)
-        r = self.rank
-        force = ca.SX.zeros(r, 1)
+        force = ca.SX(self.rank, 1)
         if self.base_size:
             force = ca.mtimes(self.anchor(x).T, self.base_gradient(x, xi, theta))
-        structure = as_matrix(self._bracket.call_sx(x), r, r * r)
-        force += ca.mtimes(as_matrix(ca.mtimes(p.T, structure).T, r, r).T, xi)
+        force += self._ad_star.call_sx(x, xi, p)
         if self.system.has("force"):
             force += self.force(x, xi, theta)
         return ca.mtimes(self.anchor(x), xi) if self.base_size else ca.SX(0, 1), force

@@ -81,6 +81,8 @@ def _sparse(array: Array) -> ca.SX:
     rows, columns, values = [], [], []
     # Column by column, the order in which CasADi stores the entries.
     for index, entry in enumerate(array.T.ravel().tolist()):
+        if type(entry) is float and entry == 0.0:  # most entries of a large matrix
+            continue
         value = _expression(entry)
         if not value.is_zero():
             rows.append(index % array.shape[0])

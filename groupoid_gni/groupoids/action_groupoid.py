@@ -102,6 +102,10 @@ class ActionGroupoid(LieGroupoid):
         """Give the group's bracket: the frame e_a is constant along Q."""
         return self.group.bracket(x[..., :0])
 
+    def ad_star(self, x: Array, xi: Array, p: Array) -> Array:
+        """Give the group's."""
+        return self.group.ad_star(x[..., :0], xi, p)
+
     def half(self, x: Array, xi: Array) -> Array:
         """Give the group's half vector."""
         return self.group.half_vector(xi)

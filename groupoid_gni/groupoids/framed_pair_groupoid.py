@@ -95,6 +95,11 @@ class FramedPairGroupoid(PairOfPoints):
         points = x[..., :0]
         return block_structure(*(group.bracket(points) for group in self.groups))
 
+    def ad_star(self, x: Array, xi: Array, p: Array) -> Array:
+        """Give it group by group."""
+        parts = zip(self._velocities(xi), self._velocities(p), strict=True)
+        return join(*(group.ad_star(self._point, vel, q) for (group, vel), (_, q) in parts))
+
     def half(self, x: Array, xi: Array) -> Array:
         """Halve group by group."""
         return join(*(group.half_vector(velocity) for group, velocity in self._velocities(xi)))

@@ -319,6 +319,11 @@ class LieGroup(LieGroupoid):
         sign = 1.0 if self.side == "left" else -1.0
         return repeated(sign * self.structure_constants, batch_shape(x))
 
+    def ad_star(self, x: Array, xi: Array, p: Array) -> Array:
+        """Give ad_xi^T p (left) or minus it (right), with the matrix bracket."""
+        rate = (transpose(self.ad(xi)) @ p[..., None])[..., 0]
+        return rate if self.side == "left" else -rate
+
     def half(self, x: Array, xi: Array) -> Array:
         """Give ``half_vector(xi)``."""
         return self.half_vector(xi)

@@ -179,6 +179,13 @@ class LieGroupoid(ABC):
         change = self._recorded_plus_change(x, np.zeros(self.rank))  # (..., c, b, a)
         return np.swapaxes(change, -1, -2) - change
 
+    def ad_star(self, x: Array, xi: Array, p: Array) -> Array:
+        """Give <p, [xi, e_a]>, the rate of the momentum p along xi, shape (..., rank).
+
+        From ``bracket``, whose rank^3 entries large groupoids had better not write down.
+        """
+        return np.einsum("...c,...cab,...a->...b", p, self.bracket(x), xi)
+
     def half(self, x: Array, xi: Array) -> Array:
         """Give eta with multiply(retract(x, eta), retract(x', eta)) = retract(x, xi).
 

@@ -55,6 +55,10 @@ class PairGroupoid(PairOfPoints):
         """Give zero, shape (..., n, n, n)."""
         return repeated(np.zeros((self.rank,) * 3), batch_shape(x))
 
+    def ad_star(self, x: Array, xi: Array, p: Array) -> Array:
+        """Give zero, shape (..., n)."""
+        return np.zeros((*_common_batch(x, xi), self.rank))
+
     def half(self, x: Array, xi: Array) -> Array:
         """Give xi / 2."""
         return xi / 2

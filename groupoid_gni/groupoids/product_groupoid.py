@@ -94,6 +94,11 @@ class ProductGroupoid(LieGroupoid):
         """Give the brackets of the factors; elements of different factors commute."""
         return block_structure(*(f.bracket(part) for f, part in self._bases(x)))
 
+    def ad_star(self, x: Array, xi: Array, p: Array) -> Array:
+        """Give it factor by factor."""
+        parts = zip(self._fibres(x, xi), self._fibres(x, p), strict=True)
+        return join(*(f.ad_star(part, vel, q) for (f, part, vel), (_, _, q) in parts))
+
     def half(self, x: Array, xi: Array) -> Array:
         """Halve factor by factor."""
         return join(*(f.half(part, part_xi) for f, part, part_xi in self._fibres(x, xi)))

@@ -161,10 +161,8 @@ def run_steps(
     stages = runner.program.stages
     sizes = (h, stages * count, stages * every)
     request = _Request(system, start, *sizes, method, runner, parameters, state, controls)
-    began = time.perf_counter()
     chunks, outcome, detail, rescued = _march(request, progress)
-    seconds = time.perf_counter() - began
-    run = _collect(request, chunks, outcome, detail, seconds, rescued)
+    run = _collect(request, chunks, outcome, detail, rescued)
     _warn_of_parasitic_mode(run)
     return run
 
@@ -323,7 +321,8 @@ def _cut_where_rows_are_lost(request: _Request, chunks: Chunks) -> bool:
     row = rows[kept - 1]
     memory = np.append(end.memory[:-1], row[-1])  # nobody goes on from here: its guesses are unused
     stage = (begin.stage // request.every + kept) * request.every
-    chunks[-1] = (Progress(row[: layout.size].copy(), memory, stage), rows[:kept])
+    state = row[: layout.size].copy()
+    chunks[-1] = (Progress(state, memory, stage, end.seconds), rows[:kept])
     return True
 
 
@@ -345,7 +344,6 @@ def _collect(
     chunks: Chunks,
     outcome: Outcome,
     detail: str,
-    seconds: float,
     rescued: int,
 ) -> Trajectory:
     program = request.runner.program
@@ -369,7 +367,7 @@ def _collect(
         flights=flights,
         outcome=outcome,
         detail=detail,
-        seconds=seconds,
+        seconds=chunks[-1][0].seconds,
         rescued_steps=rescued,
         controls=request.controls,
     )
