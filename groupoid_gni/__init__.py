@@ -5,7 +5,7 @@ functions), integrate, look. ``gni.verification`` holds the laws all of them obe
 """
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from groupoid_gni import diagnostics, scenes
 from groupoid_gni.discretization import (
@@ -32,6 +32,7 @@ from groupoid_gni.errors import (
     NotComposableError,
     ParasiticModeWarning,
     RecordingError,
+    RescuedStepsWarning,
     StepFailure,
     TrajectoryFileError,
 )
@@ -59,16 +60,23 @@ from groupoid_gni.groupoids import (
 from groupoid_gni.integrators import (
     GNI,
     DiscreteLagrangeDAlembert,
+    Ensemble,
     McLachlanPerlmutter,
     ReferenceFlow,
     SymmetricProjection,
     integrate,
+    integrate_ensemble,
     next_arrow,
+    parameter_grid,
     step_function,
 )
 from groupoid_gni.outcomes import Outcome
 from groupoid_gni.systems import MechanicalSystem, State
 from groupoid_gni.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from groupoid_gni import reports
+    from groupoid_gni.reports import WorkPrecision, work_precision
 
 __version__ = "0.1.0"
 
@@ -91,6 +99,7 @@ __all__ = [
     "DiscreteLagrangeDAlembert",
     "DiscreteLagrangian",
     "EnergyPreserving",
+    "Ensemble",
     "EulerA",
     "EulerB",
     "Exponential",
@@ -114,6 +123,7 @@ __all__ = [
     "Rattle",
     "RecordingError",
     "ReferenceFlow",
+    "RescuedStepsWarning",
     "Retraction",
     "Splitting",
     "State",
@@ -123,18 +133,25 @@ __all__ = [
     "TrajectoryFileError",
     "Variational",
     "VectorGroup",
+    "WorkPrecision",
     "array",
     "diagnostics",
     "integrate",
+    "integrate_ensemble",
     "next_arrow",
+    "parameter_grid",
+    "reports",
     "scenes",
     "step_function",
     "where",
+    "work_precision",
 ]
 
 
 def __getattr__(name: str) -> Any:
-    """Import the verification suite when it is asked for: it needs Hypothesis."""
-    if name == "verification":
-        return import_module("groupoid_gni.verification")
+    """Import when asked for: the verification suite, which needs Hypothesis, and the reports."""
+    if name in ("verification", "reports"):
+        return import_module(f"groupoid_gni.{name}")
+    if name in ("WorkPrecision", "work_precision"):
+        return getattr(import_module("groupoid_gni.reports"), name)
     raise AttributeError(f"module 'groupoid_gni' has no attribute {name!r}")

@@ -80,6 +80,20 @@ class ParasiticModeWarning(GNIWarning):
         self.result = result
 
 
+class RescuedStepsWarning(GNIWarning):
+    """Some steps were solved only at a second try and may have jumped to another solution.
+
+    Attributes
+    ----------
+    result : Trajectory
+        The run; ``result.rescued_steps`` counts all second tries.
+    """
+
+    def __init__(self, message: str, result: Any = None) -> None:
+        super().__init__(message)
+        self.result = result
+
+
 class BrokenLawError(GNIError, AssertionError):
     """An object breaks a law it must obey.
 

@@ -19,6 +19,7 @@ class Outcome(IntEnum):
     METRIC_INDEFINITE = -9
     LEFT_BASE = -10
     PROJECTION_SINGULAR = -11
+    START_REFUSED = -12
 
     @property
     def sentence(self) -> str:
@@ -64,6 +65,7 @@ _SENTENCES = {
         "become singular: the parasitic multiplier of the bare step has reached +1. Usual mend: a "
         "smaller step."
     ),
+    Outcome.START_REFUSED: "The start of this member was refused.",
     Outcome.METRIC_INDEFINITE: (
         "The metric is no longer positive definite. Usual mend: stop before that point, or look "
         "for a coordinate in which the inertia does not vanish."

@@ -43,6 +43,7 @@ class Trajectory:
     outcome, detail : how the run ended; ``success``, ``status``, ``message`` follow SciPy.
     seconds : wall time of the loop.  rescued_steps : stages that needed a second try.
     controls : (steps, inputs) control inputs, or None.
+    evaluations, own_steps : of reference runs: calls of the equations of motion, accepted steps.
     again : the same motion more precisely and in how many steps; reference runs, not stored.
 
     Shapes below: n nodes, r = rank, m = number of constraint rows as given.
@@ -61,6 +62,8 @@ class Trajectory:
     seconds: float = 0.0
     rescued_steps: int = 0
     controls: FloatArray | None = None
+    evaluations: int = 0
+    own_steps: int = 0
     again: Callable[[], tuple[Trajectory, int]] | None = field(default=None, repr=False)
     _expressions: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
 
@@ -398,6 +401,8 @@ class Trajectory:
             )
         if steps and self.rows[-1, -1] > 0:
             lines.append(f"  Newton       {self.rows[-1, -1] / steps:.2f} iterations per step")
+        if self.rescued_steps:
+            lines.append(f"  second tries {self.rescued_steps} stages needed one")
         if self.seconds > 0.0 and steps:
             lines.append(
                 f"  time         {self.seconds:.3g} s, {self.seconds / steps * 1e9:.0f} ns per step"

@@ -18,7 +18,7 @@ import llvmlite
 import llvmlite.binding as llvm
 
 LARGE_PROGRAM = 5000
-"""Operations above which blocks are cut, lines of IR above which nothing is optimised."""
+"""Operations above which code is cut into parts."""
 _CACHE_VARIABLE = "GROUPOID_GNI_CACHE"
 
 
@@ -37,8 +37,12 @@ def _host() -> tuple[str, str]:
 @cache
 def machine_has_fused_products() -> bool:
     """Whether a multiply-add in one rounding is one instruction here."""
-    _, features = _host()
-    return "+fma" in features.split(",") or "+neon" in features.split(",")
+    return host_has("fma") or host_has("neon")
+
+
+def host_has(feature: str) -> bool:
+    """Whether the processor has a feature, by LLVM's name for it."""
+    return f"+{feature}" in _host()[1].split(",")
 
 
 def _cache_folder() -> Path | None:
@@ -85,8 +89,12 @@ def _write(path: Path, code: bytes) -> None:
 
 
 def _optimisation_level(ir: str) -> int:
-    # straight-line code compiles in seconds above this size at level 2, in tenths at level 0
-    return 0 if ir.count("\n") > LARGE_PROGRAM else 2
+    # one function above this size compiles in seconds at level 2, in tenths at level 0
+    longest = max(function.count("\n") for function in ir.split("\ndefine "))
+    if longest > LARGE_PROGRAM:
+        return 0
+    # many short functions gain nothing at level 2
+    return 1 if ir.count("\n") > LARGE_PROGRAM else 2
 
 
 class MachineCode:
@@ -98,14 +106,15 @@ class MachineCode:
     from_cache : bool, whether the object file was found on disk.
     """
 
-    def __init__(self, ir: str) -> None:
+    def __init__(self, ir: str, *, cached: bool = True) -> None:
+        """Compile IR text, or link its object file; ``cached=False`` compiles in any case."""
         self.source = ir
         cpu, features = _host()
         level = _optimisation_level(ir)
         self._target_machine = llvm.Target.from_default_triple().create_target_machine(
             cpu=cpu, features=features, opt=level, jit=True
         )
-        folder = _cache_folder()
+        folder = _cache_folder() if cached else None
         path = folder / (_key(ir, level) + ".o") if folder else None
         code = _read(path) if path else None
         self.from_cache = code is not None

@@ -95,6 +95,15 @@ class StepRunner(ABC):
         """Progress at step 0, warm start included."""
         return self.with_unknowns(parameters, Progress(np.array(state), np.zeros(1)), None)
 
+    def first_memories(self, parameters: FloatArray, states: FloatArray) -> FloatArray:
+        """Memories of many members at step 0: (parameters, N), (state, N) -> (memory, N)."""
+        arguments = [a if len(a) else np.zeros((0, 1)) for a in (parameters, states)]
+        guess, carried = (v.full() for v in self._first_memory.call(arguments))
+        count = states.shape[1]
+        recent = np.tile(np.broadcast_to(guess, (len(guess), count)), (self.program.history, 1))
+        carried = np.broadcast_to(carried, (len(carried), count))
+        return np.concatenate([recent, carried, np.zeros((1, count))])
+
     def with_unknowns(
         self, parameters: FloatArray, progress: Progress, unknowns: FloatArray | None
     ) -> Progress:
@@ -202,7 +211,8 @@ class InterpretedStep(StepRunner):
 
     @cached_property
     def _finish(self) -> ca.Function:
-        return finish_function(self.program)
+        finish = self.program.state if self.program.finish is None else self.program.finish
+        return finish_function(self.program, finish)
 
     def advance(
         self,

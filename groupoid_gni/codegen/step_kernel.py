@@ -16,14 +16,18 @@ from groupoid_gni.codegen import newton_rule as rule
 from groupoid_gni.codegen.elementary import sine_cosine_function
 from groupoid_gni.codegen.emitter import Emitter, Values, double_text
 from groupoid_gni.codegen.machine import LARGE_PROGRAM
-from groupoid_gni.codegen.tape import Tape
+from groupoid_gni.codegen.tape import Operation, Tape
 from groupoid_gni.codegen.warm_start import extrapolation_weights
 from groupoid_gni.discretization.step_program import StepProgram
 from groupoid_gni.outcomes import Outcome
 
-_UPDATE, _CARRIED, _MEASURE, _NEXT, _ARROWS, _GUARDS, _FINITE = range(7)
-_CONSTANT, _PARAMETER, _STATE = range(3)
-_ITERATED = (3, 4, 5)
+UPDATE, CARRIED, MEASURE, NEXT, ARROWS, GUARDS, FINITE = range(7)
+"""Outputs of ``step_function``, by number."""
+CONSTANT, PARAMETER, STATE = range(3)
+ITERATED = (3, 4, 5)
+"""Levels of a tape (see ``Tape``): before the loop, once a stage, in every iteration."""
+FRAMED_PROGRAM = 3000
+"""Operations of a stage above which it is cut into functions that share a frame."""
 _BLOCK_LENGTH = 500
 
 
@@ -47,15 +51,39 @@ def step_function(program: StepProgram) -> ca.Function:
     return ca.Function("step", inputs, ca.cse([ca.densify(o) for o in outputs]))
 
 
-def finish_function(program: StepProgram) -> ca.Function:
+def finish_function(program: StepProgram, finish: ca.SX) -> ca.Function:
     """(parameters, (state after the last stage, given)) -> state at the end of a composed step."""
     inputs = [program.parameters, ca.vertcat(program.state, program.given)]
-    return ca.Function("finish", inputs, [ca.cse(ca.densify(program.finish))])
+    return ca.Function("finish", inputs, [ca.cse(ca.densify(finish))])
 
 
 def step_kernel_ir(program: StepProgram, lanes: int, fused: bool) -> str:
     """IR text of the module with ``@advance`` for this program."""
-    return _StepKernel(program, lanes, fused).text()
+    kernel = StepKernel(program, lanes, fused)
+    if len(kernel.tape.operations) > FRAMED_PROGRAM:
+        from groupoid_gni.codegen.framed_kernel import FramedKernel
+
+        kernel = FramedKernel(program, lanes, fused)
+    return kernel.text()
+
+
+def operations_by_place(program: StepProgram) -> dict[str, list[Operation]]:
+    """The operations that the loop does, by how often: run, stage, iteration, step.
+
+    run : before the loop.  stage : once in a stage, before or after the iteration.  iteration : in
+    every iteration.  step : at the end of a composed step.
+    """
+    tape = Tape.of(step_function(program)).optimised()
+    iterated = tape.needed([UPDATE, CARRIED, MEASURE])
+    inside = {i for i in iterated if tape.levels[i] in ITERATED and program.unknowns.numel()}
+    found: dict[str, list[Operation]] = {"run": [], "stage": [], "iteration": [], "step": []}
+    for i in tape.needed(range(7)):
+        place = "run" if tape.levels[i] <= PARAMETER else "stage"
+        found["iteration" if i in inside else place].append(tape.operations[i])
+    if program.finish is not None:
+        end = Tape.of(finish_function(program, program.finish)).optimised()
+        found["step"] = [end.operations[i] for i in end.needed([0])]
+    return found
 
 
 def field_ir(function: ca.Function, lanes: int, fused: bool) -> str:
@@ -71,10 +99,11 @@ def field_ir(function: ca.Function, lanes: int, fused: bool) -> str:
         _store(e, name, "%output", str(i))
     e.line("ret void")
     head = "define void @evaluate(ptr %first, ptr %second, ptr %output) {"
-    return _module(e, [head, "entry:", *e.lines, "}"])
+    return module_text(e, [head, "entry:", *e.lines, "}"])
 
 
-def _module(e: Emitter, lines: list[str]) -> str:
+def module_text(e: Emitter, lines: list[str]) -> str:
+    """A module with the elementary functions and declarations that its lines need."""
     elementary, declarations = sine_cosine_function(e.lanes, e.fused)
     used = "@gni_sincos" in "\n".join(lines)
     parts = [*(elementary if used else []), *lines]
@@ -96,7 +125,7 @@ def _store(e: Emitter, value: str, pointer: str, index: str) -> None:
     e.line(f"store {e.type} {value}, ptr {address}, align 8")
 
 
-class _StepKernel:
+class StepKernel:
     """Builds ``i64 @advance(parameters, state, memory, rows, status, first, count, every)``.
 
     ``first``, ``count`` and ``every`` count stages.
@@ -127,13 +156,15 @@ class _StepKernel:
         self._head()
         self._advance(*(self._newton() if self.unknown_size else self._no_newton()))
         self._leave()
+        body = [line for entry in e.lines for line in self.phis.get(entry, [entry])]
+        return module_text(e, [*self._tables(), self._signature(), "entry:", *body, "}"])
+
+    def _signature(self) -> str:
         controls = ", ptr %controls" if self.program.control_size else ""
-        head = (
+        return (
             "define i64 @advance(ptr %parameters, ptr %state, ptr %memory, ptr %rows, "
             f"ptr %status, i64 %first, i64 %count, i64 %every{controls}) {{"
         )
-        body = [line for entry in e.lines for line in self.phis.get(entry, [entry])]
-        return _module(e, [*self._tables(), head, "entry:", *body, "}"])
 
     def _tables(self) -> list[str]:
         """Fractions and weights of the warm start by stage, for a composition."""
@@ -170,7 +201,7 @@ class _StepKernel:
         self.parameters = [_load(e, "%parameters", i) for i in range(sizes)]
         self.values.bind_input(0, self.parameters)
         everything = self.tape.needed(range(7))
-        self.values.emit(everything, [_CONSTANT, _PARAMETER])
+        self.values.emit(everything, [CONSTANT, PARAMETER])
         self.start_state = [_load(e, "%state", i) for i in range(self.state_size)]
         self.start_memory = [_load(e, "%memory", i) for i in range(self.memory_size)]
         if e.lanes > 1:
@@ -222,8 +253,8 @@ class _StepKernel:
         expression of the updated unknowns.
         """
         e, n = self.e, self.unknown_size
-        needed = self.tape.needed([_UPDATE, _CARRIED, _MEASURE])
-        self.values.emit(needed, [_STATE])
+        needed = self.tape.needed([UPDATE, CARRIED, MEASURE])
+        self.values.emit(needed, [STATE])
         kept = self.history * n
         starts = [*self._extrapolated(), *self.memory[kept:-1]]
         step_end = e.block
@@ -235,7 +266,7 @@ class _StepKernel:
         inner.bind_input(2, names[:n])
         inner.bind_input(3, names[n:])
         inner.bind_input(4, ["%later"])
-        inner.emit(needed, _ITERATED)
+        inner.emit(needed, ITERATED)
         new, error, total, busy = self._iterate(inner, names)
         one, zero = e.constant(1.0), e.constant(0.0)
         carried_on = [
@@ -288,7 +319,7 @@ class _StepKernel:
         The flag tells whether the lane is still busy.
         """
         e = self.e
-        work, energy, left = inner.output(_MEASURE)
+        work, energy, left = inner.output(MEASURE)
         scale = e.binary("fadd", energy, e.constant(rule.TINY))
         error = e.binary("fdiv", work, scale)
         settled = None
@@ -298,9 +329,9 @@ class _StepKernel:
         n = self.unknown_size
         new = [
             e.binary("fsub", u, d)
-            for u, d in zip(unknowns[:n], inner.output(_UPDATE), strict=True)
+            for u, d in zip(unknowns[:n], inner.output(UPDATE), strict=True)
         ]
-        new += inner.output(_CARRIED)
+        new += inner.output(CARRIED)
         one = e.constant(1.0)
         if e.lanes == 1:
             total = e.binary("fadd", "%total", one)
@@ -341,8 +372,8 @@ class _StepKernel:
 
     def _advance(self, values: Values, memory: list[str], converged: str | None) -> None:
         e = self.e
-        values.emit(self.tape.needed([_NEXT, _ARROWS, _GUARDS, _FINITE]), [_STATE, *_ITERATED])
-        new = values.output(_NEXT)
+        values.emit(self.tape.needed([NEXT, ARROWS, GUARDS, FINITE]), [STATE, *ITERATED])
+        new = values.output(NEXT)
         good, code = self._checks(values, new, converged)
         if e.lanes == 1:
             e.line(f"br i1 {good}, label %next, label %failed")
@@ -356,22 +387,22 @@ class _StepKernel:
             e.line("br label %next")
         e.label("next")
         if self.program.finish is not None:
-            new = self._finished_step(new)
-        self._save([*new, *values.output(_ARROWS), memory[-1]])
+            new = self._finished_step(new, self.program.finish)
+        self._save([*new, *values.output(ARROWS), memory[-1]])
         e.line("br label %head")
         self._close_head(new, memory)
 
-    def _finished_step(self, new: list[str]) -> list[str]:
+    def _finished_step(self, new: list[str], finish: ca.SX) -> list[str]:
         """The state after ``finish`` where the stage is the last of its step; opens a block."""
         e = self.e
         last = e.assign(f"icmp eq i64 %stage, {self.program.stages - 1}")
         e.line(f"br i1 {last}, label %finish, label %kept")
         e.label("finish")
-        tape = Tape.of(finish_function(self.program)).optimised()
+        tape = Tape.of(finish_function(self.program, finish)).optimised()
         values = Values(tape, e)
         values.bind_input(0, self.parameters)
         values.bind_input(1, [*new, *self.given])
-        values.emit(tape.needed([0]), [_CONSTANT, _PARAMETER, _STATE])
+        values.emit(tape.needed([0]), [CONSTANT, PARAMETER, STATE])
         end = values.output(0)
         if e.lanes > 1:
             end = [e.select("%alive1", a, b) for a, b in zip(end, new, strict=True)]
@@ -411,15 +442,19 @@ class _StepKernel:
         e = self.e
         # everything else in the state is made of these parts; a tree, so nothing waits in a chain
         sums = [new[i] for i in self.program.layout.positions("base", "after", "reconstructed")]
-        sums += values.output(_FINITE)
+        sums += values.output(FINITE)
         while len(sums) > 1:
             couples = zip(sums[::2], sums[1::2], strict=False)
             sums = [*(e.binary("fadd", a, b) for a, b in couples), *sums[len(sums) & ~1 :]]
-        total = sums[0]
+        return self.judged(sums[0], values.output(GUARDS), converged)
+
+    def judged(self, total: str, guards: list[str], converged: str | None) -> tuple[str, str]:
+        """Flag and outcome code from a sum that must be finite, the guards, Newton's verdict."""
+        e = self.e
         good = e.compare("oeq", e.binary("fsub", total, total), e.constant(0.0))
         code = self._code(Outcome.NOT_FINITE)
         one = e.constant(1.0)
-        pairs = list(zip(values.output(_GUARDS), self.program.guards, strict=True))
+        pairs = list(zip(guards, self.program.guards, strict=True))
         for name, guard in reversed(pairs):
             fine = e.compare("olt", name, one)
             code = self._choose(fine, code, self._code(guard.code))

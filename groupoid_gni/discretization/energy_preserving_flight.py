@@ -101,6 +101,7 @@ class EnergyPreservingStep(FlightRule):
             target=x1,
             momentum=p1,
             pieces=((x0, zeta), (x_m, zeta)),
+            extent=((x0, zeta),),
             velocities=ca.vertcat(xi, xi),
             force_work=work,
             solver=solver,

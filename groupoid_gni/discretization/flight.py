@@ -24,6 +24,7 @@ class Flight(ABC):
     energy : sum of |xi * dl/dxi|, the scale of ``work``.
     target, momentum : where the flight arrives, at the updated values.
     pieces : the arrows ``retract(x, eta)`` it flies along, as pairs (x, eta).
+    extent : the pairs (x, eta) whose size must stay within the retraction's domain.
     velocities : the xi of its equal pieces, one after the other; empty where they are not equal.
     force_work : work of the external force along it.
     """
@@ -36,6 +37,7 @@ class Flight(ABC):
     target: ca.SX
     momentum: ca.SX
     pieces: tuple[tuple[ca.SX, ca.SX], ...]
+    extent: tuple[tuple[ca.SX, ca.SX], ...]
     velocities: ca.SX
     force_work: ca.SX
 

@@ -139,6 +139,7 @@ class FreeFlight(FlightRule):
             momentum=self.legendre_plus(x0, velocity, h, theta),
             energy=ca.sum1(ca.fabs(velocity * by_velocity)),
             pieces=((x0, arrow),),
+            extent=((x0, arrow),),
             velocities=velocity,
             force_work=ca.dot(pushed, velocity),
         )
@@ -148,7 +149,7 @@ class FreeFlight(FlightRule):
 def _implicit_and_explicit(jacobian: ca.SX, xi: ca.SX) -> tuple[list[int], list[int]]:
     """Components that need a solver, and those whose equations are affine and apart from them."""
     rows, _ = jacobian.sparsity().get_triplet()
-    moving = ca.which_depends(ca.vertcat(*jacobian.nonzeros()), xi, 1, True)
+    moving = ca.which_depends(jacobian.nz[:], xi, 1, True)
     turned = {row for row, depends in zip(rows, moving, strict=True) if depends}
     implicit: list[int] = []
     for group in coupled_groups(jacobian):

@@ -50,7 +50,7 @@ def impulse_program(
     flights = [first, second]
     guards = [
         *[Guard(e.reach(x, 2 * eta), Outcome.LEFT_DOMAIN)
-          for flight in flights for x, eta in flight.pieces],
+          for flight in flights for x, eta in flight.extent],
         *inputs.conditioning(start, middle),
         *inputs.conditioning(middle, end),
     ]

@@ -187,7 +187,7 @@ class _BareStep:
         self.guards = [
             Guard(e.reach(x, 2 * eta), Outcome.LEFT_DOMAIN)
             for flight in (self.outward, self.homeward)
-            for x, eta in flight.pieces
+            for x, eta in flight.extent
         ]
 
 

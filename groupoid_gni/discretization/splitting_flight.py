@@ -79,6 +79,8 @@ class SplittingStep(FlightRule):
             target=state.x,
             momentum=state.p,
             pieces=tuple(state.pieces),
+            # the whole velocity stands for its pieces
+            extent=((x0, h * self._expressions.velocity(x0, p0, theta)),),
             velocities=ca.SX(0, 1),
             force_work=state.force_work,
         )

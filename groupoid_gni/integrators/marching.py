@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
-import casadi as ca
 import numpy as np
 
 from groupoid_gni.array_types import FloatArray
@@ -25,7 +24,7 @@ from groupoid_gni.discretization import (
     projected_program,
     two_step_program,
 )
-from groupoid_gni.errors import InputError, ParasiticModeWarning
+from groupoid_gni.errors import InputError, ParasiticModeWarning, RescuedStepsWarning
 from groupoid_gni.integrators.failure_report import constraint_rows_lost, failure_detail
 from groupoid_gni.integrators.interruption import interruptible
 from groupoid_gni.integrators.methods import (
@@ -35,6 +34,7 @@ from groupoid_gni.integrators.methods import (
     SteppingMethod,
     SymmetricProjection,
 )
+from groupoid_gni.integrators.preparation import Starts, prepare
 from groupoid_gni.integrators.requests import check_memory
 from groupoid_gni.outcomes import Outcome
 from groupoid_gni.systems import MechanicalSystem, State
@@ -46,6 +46,8 @@ _PARASITIC_FACTOR = 2.0
 _PARASITIC_GROWTH = 10.0
 _PARASITIC_FLOOR = 1e-10
 _BASE_TOLERANCE = 1e-6
+_JUMP = 0.1
+"""Relative change of the velocity in a rescued stage from which on it is suspect."""
 
 
 def compiled_step(
@@ -60,7 +62,7 @@ def compiled_step(
     if key not in system._compiled:
         program_key = (method, active_rows, reconstruct, "program")
         if program_key not in system._compiled:
-            system._compiled[program_key] = _program(system, method, active_rows, reconstruct)
+            system._compiled[program_key] = step_program(system, method, active_rows, reconstruct)
         program: StepProgram = system._compiled[program_key]
         system._compiled[key] = CompiledStep.of(program) if compile else InterpretedStep(program)
     runner: StepRunner = system._compiled[key]
@@ -86,12 +88,13 @@ def machine_code(
     return cast(CompiledStep, compiled_step(system, method, rows)).code
 
 
-def _program(
+def step_program(
     system: MechanicalSystem,
     method: SteppingMethod,
     active_rows: tuple[int, ...],
-    reconstruct: bool,
+    reconstruct: bool = False,
 ) -> StepProgram:
+    """The expressions of one stage, derived anew."""
     expressions = SystemExpressions(system, active_rows)
     if isinstance(method, DiscreteLagrangian):
         return two_step_program(expressions, method, reconstruct)
@@ -153,83 +156,33 @@ def run_steps(
     """Run a fixed-step method and collect its nodes."""
     runner = compiled_step(system, method, start.active_rows, pose is not None, compile)
     check_memory(count // every + 2, runner.program.row_size)
-    expressions = SystemExpressions(system, start.active_rows)
-    first = np.zeros(system.control_size) if controls is None else controls[0]
-    node = _node_numbers(expressions, start, system.parameter_vector, first)
-    state = _initial_state(runner.program, start, h, node, pose)
-    parameters = np.concatenate([system.parameter_vector, [h], node["scales"]])
+    members = prepare(system, runner, Starts.of(system, [start], controls), h, pose)
+    parameters, state = members.parameters[:, 0], members.states[:, 0]
     stages = runner.program.stages
     sizes = (h, stages * count, stages * every)
     request = _Request(system, start, *sizes, method, runner, parameters, state, controls)
     chunks, outcome, detail, rescued = _march(request, progress)
-    run = _collect(request, chunks, outcome, detail, rescued)
+    run = _collect(request, chunks, outcome, detail, len(rescued))
+    _warn_of_rescued_steps(run, rescued, request)
     _warn_of_parasitic_mode(run)
     return run
 
 
-def _node_numbers(
-    expressions: SystemExpressions, start: State, theta: FloatArray, controls: FloatArray
-) -> dict[str, FloatArray]:
-    """C_aa, the constraint force mu^T lambda and the multipliers lambda at the start."""
-    if not expressions.constraint_count:
-        empty = np.zeros(0)
-        return {"scales": empty, "force": np.zeros(expressions.rank), "multipliers": empty}
-    key = ("start", expressions.active_rows)
-    kept = expressions.system._compiled
-    if key not in kept:
-        kept[key] = _node_function(expressions)
-    values = kept[key](start.base, start.momentum, theta, controls)
-    return dict(
-        zip(("scales", "force", "multipliers"), (np.array(v).ravel() for v in values), strict=True)
-    )
-
-
-def _node_function(expressions: SystemExpressions) -> ca.Function:
-    x, p = ca.SX.sym("x", expressions.base_size), ca.SX.sym("p", expressions.rank)
-    parameters = ca.SX.sym("theta", expressions.parameter_size)
-    node = expressions.node(x, parameters)
-    multipliers = expressions.multipliers(x, p, parameters)
-    outputs = [ca.diag(node.gram), ca.mtimes(node.mu.T, multipliers), multipliers]
-    return ca.Function("start", [x, p, parameters, expressions.controls], outputs)
-
-
-def _initial_state(
-    program: StepProgram,
-    start: State,
-    h: float,
-    node: dict[str, FloatArray],
-    pose: FloatArray | None,
-) -> FloatArray:
-    """The flat start: base, momenta, and for two-step methods half of the constraint impulse."""
-    layout = program.layout
-    state = np.zeros(layout.size)
-    state[layout.slices["base"]] = start.base
-    half = np.zeros_like(start.momentum)
-    if "momentum" in layout.slices:
-        state[layout.slices["momentum"]] = start.momentum
-    elif layout.slices["before"] != layout.slices["after"]:
-        half = 0.5 * h * node["force"]
-        m = len(node["multipliers"])
-        if m:
-            state[layout.slices["impulses"]][:m] = -0.5 * h * node["multipliers"]
-            state[layout.slices["parasitic"]][3] = 1.0
-    state[layout.slices["before"]] = start.momentum - half
-    state[layout.slices["after"]] = start.momentum + half
-    if pose is not None:
-        state[layout.slices["reconstructed"]] = pose
-    return state
-
-
 Chunks = list[tuple[Progress, FloatArray]]
+Rescued = list[tuple[int, float]]
 
 
-def _march(request: _Request, show: bool) -> tuple[Chunks, Outcome, str, int]:
-    """Run chunk by chunk until the end, a failure or Ctrl-C; nothing finished is ever lost."""
+def _march(request: _Request, show: bool) -> tuple[Chunks, Outcome, str, Rescued]:
+    """Run chunk by chunk until the end, a failure or Ctrl-C; nothing finished is ever lost.
+
+    The last of what is returned: stages that needed a second try, and how the velocity changed.
+    """
     begin, outcome = _begin(request)
     chunks: Chunks = [(begin, np.empty((0, 0)))]
+    rescued: Rescued = []
     if outcome is not Outcome.SUCCESS:
-        return chunks, outcome, _detail(request, begin), 0
-    rescued, size = 0, _FIRST_CHUNK
+        return chunks, outcome, _detail(request, begin), rescued
+    size = _FIRST_CHUNK
     try:
         steps = request.count // request.stages
         with interruptible() as check, progress_bar(steps, show) as advance_bar:
@@ -243,7 +196,8 @@ def _march(request: _Request, show: bool) -> tuple[Chunks, Outcome, str, int]:
                     size *= 2
                 if outcome is not Outcome.SUCCESS:
                     outcome = _try_again(request, chunks)
-                    rescued += outcome is Outcome.SUCCESS
+                    if outcome is Outcome.SUCCESS:
+                        rescued.append((chunks[-2][0].stage, _change_of_velocity(request, chunks)))
                 if _cut_where_rows_are_lost(request, chunks):
                     outcome = Outcome.CONSTRAINT_LOST
                 if _is_off_base(request, chunks[-1][0]):
@@ -400,6 +354,33 @@ def _row_without_arrow(program: StepProgram, progress: Progress) -> FloatArray:
     return row
 
 
+def _change_of_velocity(request: _Request, chunks: Chunks) -> float:
+    """Over the last chunk, relative to the larger of both, in the metric."""
+    layout, system = request.runner.program.layout, request.system
+    bases, momenta = layout.node(np.stack([progress.state for progress, _ in chunks[-2:]]))
+    velocities = system.velocities(bases, momenta)
+    velocities = np.vstack([velocities, velocities[1:] - velocities[:1]])
+    before, after, change = system.speeds(bases[[0, 1, 1]], velocities)
+    return float(change / max(before, after, 1e-300))
+
+
+def _warn_of_rescued_steps(run: Trajectory, rescued: Rescued, request: _Request) -> None:
+    """Only where a velocity changed much: a poor guess for a good step is nothing to speak of."""
+    jumps = [stage for stage, change in rescued if change > _JUMP]
+    if not jumps or run.outcome < 0:
+        return
+    step = jumps[0] // request.stages
+    many = f"{len(jumps)} stages" if len(jumps) > 1 else "one stage"
+    text = (
+        f"{many} of {run.method_name} needed a second try and changed the velocity by more than "
+        f"{_JUMP:.0%}, first in step {step + 1}, which begins at t = {step * request.h:g}: the "
+        "equations of a step that is too large, or near a singularity, have several solutions, and "
+        "the one found need not continue the motion. Compare with a run of half the step; near a "
+        "singularity of a chart, use a groupoid that has no chart"
+    )
+    warnings.warn(RescuedStepsWarning(text, run), stacklevel=4)
+
+
 def _warn_of_parasitic_mode(run: Trajectory) -> None:
     if "parasitic" not in run.layout.slices:
         return
@@ -421,12 +402,12 @@ def _warn_of_parasitic_mode(run: Trajectory) -> None:
 
 
 @contextmanager
-def progress_bar(total: int, show: bool) -> Iterator[Any]:
-    """A function that moves the bar by a number of steps; a silent one when not shown."""
+def progress_bar(total: int, show: bool, unit: str = "step") -> Iterator[Any]:
+    """A function that moves the bar by a number of units; a silent one when not shown."""
     if not show:
         yield lambda steps: None
         return
     from tqdm.auto import tqdm
 
-    with tqdm(total=total, unit="step", unit_scale=True) as bar:
+    with tqdm(total=total, unit=unit, unit_scale=True) as bar:
         yield bar.update

@@ -24,6 +24,9 @@ _FIRST_CHUNK = 200
 _CHUNK_SECONDS = 0.02
 _MOST_ATTEMPTS = 1_000_000
 """Steps tried per node asked for after which the method is taken to be stuck."""
+_VIOLATED = 1e-3
+"""Relative constraint residual that no tolerance explains."""
+_LOOKED_AT = 64
 _TIGHTER = 0.01
 _TIGHTEST = 1e-14
 
@@ -93,6 +96,13 @@ def _run(request: _Request, show: bool) -> tuple[Trajectory, int]:
         filled = int(np.argmax(lost))
         outcome = Outcome.CONSTRAINT_LOST
         detail = f"Stopped at t = {steps[filled - 1] * request.h:.6g}."
+    kept = _nodes_on_constraints(request, rows[:filled, :n], rows[:filled, n : n + r])
+    if kept < filled:
+        filled, outcome = kept, Outcome.ADAPTIVE_STEP_FAILED
+        detail = (
+            f"The constraints are violated after t = {steps[filled - 1] * request.h:.6g}: the "
+            "equations of motion jump there. (With a large rtol: use a smaller one.)"
+        )
     run = Trajectory(
         system=system,
         method_name=request.name,
@@ -106,9 +116,31 @@ def _run(request: _Request, show: bool) -> tuple[Trajectory, int]:
         detail=detail,
         seconds=march.progress.seconds,
         controls=request.inputs,
+        evaluations=march.progress.evaluations,
+        own_steps=march.progress.accepted,
         again=lambda: _more_precisely(request, int(steps[filled - 1])),
     )
     return run, march.progress.accepted
+
+
+def _nodes_on_constraints(request: _Request, base: FloatArray, momenta: FloatArray) -> int:
+    """Nodes up to the first that violates the constraints in kind.
+
+    The equations keep ``mu (xi - Y)`` as it is, so a jump of mu that the method steps over shows
+    in the nodes from there on; a few of them tell whether to look for it.
+    """
+    rows = list(request.start.active_rows)
+    if not rows:
+        return len(base)
+    few = np.unique(np.linspace(0, len(base) - 1, _LOOKED_AT).astype(int))
+    for looked_at in (few, np.arange(len(base))):
+        x = base[looked_at]
+        velocities = request.system.velocities(x, momenta[looked_at])
+        residuals = request.system.constraint_residuals(x, velocities, relative=True)[:, rows]
+        violated = ~np.all(np.abs(residuals) < _VIOLATED, axis=1)
+        if not np.any(violated):
+            return len(base)
+    return int(np.argmax(violated))
 
 
 def _more_precisely(request: _Request, count: int) -> tuple[Trajectory, int]:

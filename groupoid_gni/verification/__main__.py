@@ -36,12 +36,15 @@ def tables(examples: int, seed: int | None, say: Callable[[str], None]) -> dict[
     options: dict[str, Any] = {"examples": examples, "seed": seed, "on_fail": "return"}
     spaces: dict[str, Mapping[str, Any]] = {**catalogue.groups(), **catalogue.groupoids()}
     systems = catalogue.systems_for_methods()
+    methods = {name: (method, tuple(systems)) for name, method in catalogue.methods().items()}
+    methods.update(catalogue.methods_on_few_systems())
 
-    def on_systems(method: Any) -> dict[str, LawReport]:
-        return {
-            name: check_method(method, system, symmetries=symmetries, **options)
-            for name, (system, symmetries) in systems.items()
-        }
+    def on_systems(method: Any, names: tuple[str, ...]) -> dict[str, LawReport]:
+        reports = {}
+        for name in names:
+            system, symmetries = systems[name]
+            reports[name] = check_method(method, system, symmetries=symmetries, **options)
+        return reports
 
     def on_variants(check: Callable[..., LawReport], variants: Any) -> dict[str, LawReport]:
         return {name: check(variant, **options) for name, variant in variants.items()}
@@ -60,8 +63,8 @@ def tables(examples: int, seed: int | None, say: Callable[[str], None]) -> dict[
             for name, (system, _) in systems.items()
         },
         "Methods": {
-            name: partial(on_systems, method)
-            for name, method in catalogue.methods().items()
+            name: partial(on_systems, method, names)
+            for name, (method, names) in methods.items()
         },
     }
     return {chapter: _table(chapter, objects, say) for chapter, objects in chapters.items()}

@@ -306,6 +306,24 @@ def declared_bracket(
     return gap(view.bracket(x, u, v), view.derived_bracket(x, u, v))
 
 
+@_on_arrows("B-(x, xi) T^T v = -B+(x, xi) v", "T = coadjoint(x, xi), v in A G",
+            "Lemma 9.5: B+ = -B- Ad, T = Ad^T", applies=declares("coadjoint"))
+def declared_coadjoint(view: Algebroid, x: FloatArray, xi: FloatArray, v: FloatArray) -> Gap:
+    """The closed form of the momentum transport is that of the two derivatives."""
+    carried = np.asarray(view.space.coadjoint(x, xi), dtype=float).T @ v
+    return gap(view.cut(view.minus(x, xi, carried))[1], -view.plus(x, xi, v))
+
+
+@_on_fibres("<ad*_u p, w> = <p, [u, w]>", "u, w in A_x G, p in A*_x G",
+            "equations (2a) on AG", applies=declares("ad_star"))
+def declared_ad_star(
+    view: Algebroid, x: FloatArray, u: FloatArray, v: FloatArray, w: FloatArray
+) -> Gap:
+    """The closed form of the rate of a momentum is that of the recorded bracket."""
+    left = np.asarray(view.space.ad_star(x, u, v), dtype=float) @ w
+    return gap(left, v @ view.derived_bracket(x, u, w))
+
+
 @_exact("half(x, xi) = lim eta + (lift(retract(x, eta)^-1 g) - eta)/2 + ...",
         "g = retract(x, xi), up to 0.3 of the reach", "the half arrow, by iteration",
         draw=never_small, share=0.3, applies=declares("half"))
@@ -360,6 +378,7 @@ ALGEBROID_LAWS = (
     left_invariance, right_invariance, left_fields_close, right_fields_close,
     left_and_right_commute, targets_follow_the_anchor,
     anchor_is_a_morphism, bracket_is_antisymmetric, leibniz, jacobi_identity, frame_at_identities,
-    declared_anchor, declared_plus, declared_minus, declared_bracket, declared_half,
+    declared_anchor, declared_plus, declared_minus, declared_bracket, declared_coadjoint,
+    declared_ad_star, declared_half,
     anchor_by_differences, plus_by_differences, minus_by_differences,
 )

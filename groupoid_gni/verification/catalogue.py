@@ -10,7 +10,15 @@ from typing import Any
 import numpy as np
 
 from groupoid_gni import scenes
-from groupoid_gni.discretization import EulerA, EulerB, Midpoint, Rattle, Variational
+from groupoid_gni.discretization import (
+    EnergyPreserving,
+    EulerA,
+    EulerB,
+    Midpoint,
+    Rattle,
+    Splitting,
+    Variational,
+)
 from groupoid_gni.groupoids import (
     SE2,
     SE3,
@@ -30,7 +38,12 @@ from groupoid_gni.groupoids import (
     QuadraticGroup,
     VectorGroup,
 )
-from groupoid_gni.integrators import GNI, Method
+from groupoid_gni.integrators import (
+    GNI,
+    DiscreteLagrangeDAlembert,
+    McLachlanPerlmutter,
+    Method,
+)
 from groupoid_gni.scenes import Scene
 from groupoid_gni.systems import MechanicalSystem
 from groupoid_gni.verification.method_view import Section
@@ -145,7 +158,7 @@ def systems_for_methods() -> dict[str, tuple[MechanicalSystem, tuple[Section, ..
 
 
 def methods() -> dict[str, Method]:
-    """Every method with a discrete Lagrangian."""
+    """The methods that are tried on every system: (49), and the projected step of order 2."""
     return {
         "Euler A": EulerA(),
         "Euler B": EulerB(),
@@ -154,4 +167,20 @@ def methods() -> dict[str, Method]:
         "GNI": GNI(),
         "GNI, RATTLE": GNI(flow=Variational(Rattle())),
         "GNI, midpoint": GNI(flow=Variational(Midpoint())),
+    }
+
+
+def methods_on_few_systems() -> dict[str, tuple[Method, tuple[str, ...]]]:
+    """Other flows, orders, bare stages, other authors; each with the systems it is tried on."""
+    energy, splitting = EnergyPreserving(), Splitting()
+    return {
+        "GNI, splitting": (GNI(flow=splitting), ("Veselova", "springs, any D")),
+        "GNI, energy": (GNI(flow=energy), ("Suslov", "charge, moving D")),
+        "GNI 4": (GNI(4), ("sleigh",)),
+        "GNI 6, energy": (GNI(6, energy), ("springs, any D",)),
+        "GNI 8, splitting": (GNI(8, splitting), ("Suslov",)),
+        "GNI, bare": (GNI(projection=None), ("springs, any D",)),
+        "GNI 4, bare": (GNI(4, projection=None), ("rolling ball",)),
+        "McLachlan, Perlmutter": (McLachlanPerlmutter(), ("sleigh",)),
+        "[28]": (DiscreteLagrangeDAlembert(), ("sleigh",)),
     }

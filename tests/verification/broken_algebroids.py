@@ -165,6 +165,23 @@ BROKEN = [
         "declared_minus", "minus_by_differences", "right_invariance",
     ),
     broken(
+        "momentum transport of the inverse arrow",
+        lambda: of(gni.SO3, coadjoint=lambda self, x, xi: self.Ad(self.tau(xi))),
+        "declared_coadjoint",
+    ),
+    broken(
+        "momentum transport off by a millionth",
+        lambda: of(
+            RightSE2, coadjoint=lambda self, x, xi: RightSE2.coadjoint(self, x, 1.000001 * xi)
+        ),
+        "declared_coadjoint",
+    ),
+    broken(
+        "rate of a momentum of the other side",
+        lambda: of(RightSE2, ad_star=lambda self, x, xi, p: self.ad(xi).T @ p),
+        "declared_ad_star",
+    ),
+    broken(
         "half of a Cayley vector as half the vector",
         lambda: of(gni.SO3, half=lambda self, x, xi: xi / 2),
         "declared_half",

@@ -19,7 +19,7 @@ from groupoid_gni.codegen.emitter import Emitter
 from groupoid_gni.discretization import (
     FreeFlight,
     SystemExpressions,
-    nonholonomic_step,
+    projected_step,
     system_expressions,
     two_step_program,
 )
@@ -35,6 +35,7 @@ from groupoid_gni.verification.method_view import MethodView
 sys.path.append(str(Path(__file__).parents[1] / "discretization"))
 import zoo
 from broken import Broken
+from broken_flows import with_friction
 
 _EULER, _RATTLE = gni.EulerA(), gni.Rattle()
 
@@ -129,7 +130,7 @@ def _late(e: SystemExpressions, rule: Any, reconstruct: bool) -> Any:
     return two_step_program(_Late(e.system, e.active_rows), rule, reconstruct)
 
 
-def _bases_matched_by_number(start: Node, end: Node, same_metric: bool) -> Any:
+def _bases_matched_by_number(start: Node, end: Node, *more: Any) -> Any:
     return ca.SX.eye(start.mu.size1())
 
 
@@ -242,8 +243,7 @@ _PLUS, _MINUS = (f"{name} " for name in _BY_DEFINITION.split())
 _EQUATION = "tangential_equation normal_equation "
 _ALONG = "discrete_euler_lagrange momenta_belong_to_their_nodes "
 _PROJECTED = "discrete_euler_lagrange impact_in_the_middle what_is_lent_is_taken_back "
-# a run that leaves the constraint is stopped when a row is left out
-_NODES = "nodes_satisfy_the_constraints choice_of_rows_does_not_matter "
+_NODES = "nodes_satisfy_the_constraints "
 
 # (48)
 _TRANSFORMS = [
@@ -296,7 +296,20 @@ _IMPACTS = [
     # what is lent is O(h^3), what the bases turn by O(h)
     _broken("normal bases matched by number", places(gni.GNI(), m=2, n=3, step=0.3),
             "what_is_lent_is_taken_back choice_of_rows_does_not_matter",
-            (nonholonomic_step, "_matching_isometry", _bases_matched_by_number)),
+            (projected_step, "_matching_isometry", _bases_matched_by_number)),
+]
+
+# Friction.
+_push = FreeFlight._push
+
+
+def _at_the_other_end(self: FreeFlight, end: int, *arguments: Any) -> Any:
+    return _push(self, 1 - end, *arguments)
+
+
+_FRICTION = [
+    _broken("friction at the wrong end", with_friction(_EULER), _BY_DEFINITION + _EQUATION + _ALONG,
+            (FreeFlight, "_push", _at_the_other_end)),
 ]
 
 # What a run reports.
@@ -329,4 +342,4 @@ _DIFFERENCES = [
             (Emitter, "constant", _single_precision)),
 ]
 
-BROKEN = [*_TRANSFORMS, *_IMPACTS, *_REPORTS, *_DIFFERENCES]
+BROKEN = [*_TRANSFORMS, *_IMPACTS, *_FRICTION, *_REPORTS, *_DIFFERENCES]

@@ -18,7 +18,7 @@ from groupoid_gni.codegen import newton_rule
 from groupoid_gni.codegen.runners import InterpretedStep, Progress, StepRunner
 from groupoid_gni.discretization import SystemExpressions, projected_program
 from groupoid_gni.discretization.system_expressions import Node
-from groupoid_gni.integrators import marching
+from groupoid_gni.integrators import marching, preparation
 from groupoid_gni.outcomes import Outcome
 from groupoid_gni.verification import LawReport, search
 from groupoid_gni.verification.judging import check_laws
@@ -107,11 +107,13 @@ class HalfTheVelocity(_OwnAdjoint):
 # The library with a mistake.
 
 
-def _without_adjoint(expressions: Any, first: Any, second: Any, reconstruct: Any) -> Any:
-    return projected_program(expressions, first, first, reconstruct)
+def _without_adjoint(
+    expressions: Any, outward: Any, homeward: Any, fractions: Any, reconstruct: Any
+) -> Any:
+    return projected_program(expressions, outward, outward, fractions, reconstruct)
 
 
-def _after_one_iteration(now: float, last: float, quadratic: bool) -> bool:
+def _after_one_iteration(now: float, last: float, left: float, quadratic: bool) -> bool:
     return True
 
 
@@ -128,7 +130,7 @@ def _from_the_wrong_side(self: SystemExpressions, arrow: Any, then: Any) -> Any:
 
 
 _advance, _begin = InterpretedStep.advance, StepRunner.begin
-_initial_state, _multipliers = marching._initial_state, gni.Trajectory.multipliers.func
+_initial_states, _multipliers = preparation._initial_states, gni.Trajectory.multipliers.func
 
 
 def _half_the_force(run: gni.Trajectory) -> Any:
@@ -137,37 +139,41 @@ def _half_the_force(run: gni.Trajectory) -> Any:
 
 
 def _saved_one_late(
-    self: InterpretedStep, parameters: Any, progress: Progress, count: int, every: int
+    self: InterpretedStep, parameters: Any, progress: Progress, count: int, every: int,
+    controls: Any = None,
 ) -> Any:
     rows = []
     for _ in range(count):
         progress, row, outcome = _advance(self, parameters, progress, 1, 1)
         if outcome is not Outcome.SUCCESS:
             break
-        if (progress.step + 1) % every == 0:
+        if (progress.stage + 1) % every == 0:
             rows.append(row[0])
     return progress, np.array(rows).reshape(-1, self.program.row_size), outcome
 
 
 def _forgetful(
-    self: InterpretedStep, parameters: Any, progress: Progress, count: int, every: int
+    self: InterpretedStep, parameters: Any, progress: Progress, count: int, every: int,
+    controls: Any = None,
 ) -> Any:
     return _advance(self, parameters, self.with_unknowns(parameters, progress, None), count, every)
 
 
 def _half_impulse_forgotten(
-    program: Any, start: Any, h: Any, node: Any, pose: Any
+    layout: Any, starts: Any, h: Any, force: Any, multipliers: Any, pose: Any
 ) -> Any:
-    if pose is not None:
-        node = {**node, "force": np.zeros_like(node["force"])}
-    return _initial_state(program, start, h, node, pose)
+    force = force if pose is None else np.zeros_like(force)
+    return _initial_states(layout, starts, h, force, multipliers, pose)
 
 
 def _left_over() -> dict[str, tuple[Any, Any]]:
     """``begin`` that goes on from what the runner's last run guessed."""
     kept: dict[int, Any] = {}
 
-    def advance(self: Any, parameters: Any, progress: Progress, count: int, every: int) -> Any:
+    def advance(
+        self: Any, parameters: Any, progress: Progress, count: int, every: int,
+        controls: Any = None,
+    ) -> Any:
         end, rows, outcome = _advance(self, parameters, progress, count, every)
         kept[id(self)] = end.memory
         return end, rows, outcome
@@ -267,7 +273,7 @@ _NODES = [
     _broken("no half impulse at the start when poses are wanted",
             _on("SO3 left cay", gni.Rattle()),
             "reconstruction_changes_nothing reconstruction_multiplies_the_arrows",
-            _initial_state=(marching, _half_impulse_forgotten)),
+            _initial_states=(preparation, _half_impulse_forgotten)),
     _broken("W' = g W", _on("SO3 left cay", gni.GNI()), "reconstruction_multiplies_the_arrows",
             continue_arrow=(SystemExpressions, _from_the_wrong_side)),
     # every other run then starts from other guesses, and ends a round-off away

@@ -10,6 +10,7 @@ import pytest
 sys.path.append(str(Path(__file__).parent))
 import broken_algebroids
 import broken_conventions
+import broken_flows
 import broken_groupoids
 import broken_methods
 import broken_retractions
@@ -18,8 +19,8 @@ import broken_systems
 from broken import Broken
 
 CATALOGUE: list[Broken] = [
-    *broken_algebroids.BROKEN, *broken_conventions.BROKEN, *broken_groupoids.BROKEN,
-    *broken_methods.BROKEN,
+    *broken_algebroids.BROKEN, *broken_conventions.BROKEN, *broken_flows.BROKEN,
+    *broken_groupoids.BROKEN, *broken_methods.BROKEN,
     *broken_retractions.BROKEN, *broken_runs.BROKEN,
     *broken_systems.BROKEN,
 ]

@@ -17,6 +17,7 @@ from groupoid_gni.discretization.system_expressions import Node
 from groupoid_gni.verification import LawReport, check_groupoid, check_method, search
 from groupoid_gni.verification.judging import check_laws
 from groupoid_gni.verification.method_equation_laws import METHOD_EQUATION_LAWS
+from groupoid_gni.verification.method_flow_laws import METHOD_FLOW_LAWS
 from groupoid_gni.verification.method_run_laws import METHOD_RUN_LAWS
 from groupoid_gni.verification.method_variants import (
     Opposite,
@@ -188,7 +189,9 @@ def test_check_method_tries_both_groups_of_laws() -> None:
     system = gni.MechanicalSystem(gni.SO2(), metric=[[1.3]])
     report = check_method(gni.GNI(), system, step=0.1, examples=5)
     assert report.passed
-    assert [found.law for found in report.findings] == [*METHOD_EQUATION_LAWS, *METHOD_RUN_LAWS]
+    assert [found.law for found in report.findings] == [
+        *METHOD_EQUATION_LAWS, *METHOD_RUN_LAWS, *METHOD_FLOW_LAWS
+    ]
     assert report.subject.startswith("GNI(order=2) on SO2(")
     broken = check_method(
         broken_methods.Nearsighted(), zoo.animal("SO3 left cay", 0).system, on_fail="return",
@@ -204,7 +207,12 @@ def test_check_method_tries_both_groups_of_laws() -> None:
     [
         ({"method": gni.GNI}, "is the class GNI"),
         ({"method": None}, "or a discrete Lagrangian such as"),
-        ({"method": gni.ReferenceFlow()}, "those of equation"),
+        ({"method": gni.ReferenceFlow()}, "those of discrete mechanics"),
+        ({"method": gni.GNI(flow=gni.Splitting()), "system": zoo.animal("pair 3").system},
+         "needs a metric that does not depend on the base point"),
+        ({"system": gni.MechanicalSystem(gni.SO2(), [[1.3]], controls=1,
+                                         force=lambda x, xi, p, u: u)},
+         "write numbers for them into the force"),
         ({"method": "GNI"}, "method must be a value"),
         ({"system": gni.SO3()}, "takes a method and a MechanicalSystem"),
         ({"step": -0.1}, "must be positive"),

@@ -16,6 +16,7 @@ from groupoid_gni.verification.appendix_laws import APPENDIX_LAWS
 from groupoid_gni.verification.convention_laws import CONVENTION_LAWS
 from groupoid_gni.verification.groupoid_laws import GROUPOID_LAWS
 from groupoid_gni.verification.method_equation_laws import METHOD_EQUATION_LAWS
+from groupoid_gni.verification.method_flow_laws import METHOD_FLOW_LAWS
 from groupoid_gni.verification.method_run_laws import METHOD_RUN_LAWS
 from groupoid_gni.verification.retraction_laws import RETRACTION_LAWS
 from groupoid_gni.verification.system_laws import SYSTEM_LAWS
@@ -59,7 +60,7 @@ def test_the_page_in_docs_knows_every_law_and_none_is_broken() -> None:
     text = PAGE.read_text("utf-8")
     laws = (
         *GROUPOID_LAWS, *ALGEBROID_LAWS, *CONVENTION_LAWS, *RETRACTION_LAWS, *APPENDIX_LAWS,
-        *SYSTEM_LAWS, *METHOD_EQUATION_LAWS, *METHOD_RUN_LAWS,
+        *SYSTEM_LAWS, *METHOD_EQUATION_LAWS, *METHOD_RUN_LAWS, *METHOD_FLOW_LAWS,
     )
     assert len({law.name for law in laws}) == len(laws)
     assert f"{len(laws)} laws, " in text

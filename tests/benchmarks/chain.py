@@ -1,0 +1,106 @@
+"""How the cost of a step grows with the number of bodies: the chain of skates, N = 1 ... 200.
+
+    python tests/benchmarks/chain.py [--quick]
+
+For every N the time from the scene to machine code, split into recording, deriving, emitting and
+compiling, and the time of a step; then the exponent of time per step against N, by least squares.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+if __name__ == "__main__":  # also from a checkout that is not installed
+    sys.path.insert(0, str(ROOT))
+
+import groupoid_gni as gni  # noqa: E402
+from groupoid_gni.codegen import MachineCode, machine_has_fused_products, step_kernel_ir  # noqa: E402
+from groupoid_gni.codegen.runners import CompiledStep  # noqa: E402
+from groupoid_gni.integrators import marching  # noqa: E402
+
+SIZES = (1, 2, 5, 10, 20, 50, 100, 200)
+METHODS = (gni.Rattle(), gni.GNI(), gni.GNI(4, flow=gni.Splitting(), projection=None))
+
+
+@dataclass(frozen=True)
+class ChainCost:
+    """Seconds to record, derive, emit and compile; lines of IR; nanoseconds per step."""
+
+    skates: int
+    method: str
+    record: float
+    derive: float
+    emit: float
+    compile: float
+    lines: int
+    step: float
+
+
+def chain_cost(skates: int, method: Any, steps: int = 200, repeats: int = 5) -> ChainCost:
+    """Build and run one chain; nothing is taken from the cache of object files."""
+    clock = [time.perf_counter()]
+    scene = gni.scenes.chain_of_skates(skates)
+    clock.append(time.perf_counter())
+    rows = scene.start.active_rows
+    program = marching.step_program(scene.system, method, rows)
+    clock.append(time.perf_counter())
+    ir = step_kernel_ir(program, 1, machine_has_fused_products())
+    clock.append(time.perf_counter())
+    code = MachineCode(ir)
+    clock.append(time.perf_counter())
+    scene.system._compiled[(method, rows, False, True)] = CompiledStep(program, code)
+    options = {"step": 0.02, "n_steps": steps, "method": method, "save_every": steps}
+    seconds = [
+        gni.integrate(scene.system, scene.start, **options).seconds for _ in range(repeats + 1)
+    ]
+    record, derive, emit, compiled = np.diff(clock)
+    return ChainCost(
+        skates, str(method), record, derive, emit, compiled, ir.count("\n"),
+        1e9 * min(seconds[1:]) / steps,
+    )
+
+
+def exponent(costs: Sequence[ChainCost], least: int = 5) -> float:
+    """Slope of log time per step against log N, from N = ``least`` on."""
+    points = [(c.skates, c.step) for c in costs if c.skates >= least]
+    return float(np.polyfit(*np.log(np.array(points)).T, 1)[0])
+
+
+def table(costs: Sequence[ChainCost]) -> str:
+    """One line per N."""
+    lines = [
+        "| N | record s | derive s | emit s | compile s | lines of IR | us a step | ns a step/N |",
+        "|--:|--:|--:|--:|--:|--:|--:|--:|",
+    ]
+    lines += [
+        f"| {c.skates} | {c.record:.2f} | {c.derive:.2f} | {c.emit:.2f} | {c.compile:.2f} | "
+        f"{c.lines} | {c.step / 1e3:.2f} | {c.step / c.skates:.0f} |"
+        for c in costs
+    ]
+    return "\n".join(lines)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Print a table per method."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="up to N = 50")
+    options = parser.parse_args(arguments)
+    os.environ["GROUPOID_GNI_CACHE"] = ""
+    sizes = [n for n in SIZES if n <= (50 if options.quick else 200)]
+    for method in METHODS:
+        costs = [chain_cost(n, method) for n in sizes]
+        print(f"\n{method}: time per step ~ N^{exponent(costs):.2f}\n\n{table(costs)}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
