@@ -55,6 +55,8 @@ class EnergyPreservingStep(FlightRule):
         self._height = self._recorded_height()
         self._jumps = not _is_smooth(e)
         self._balanced = self._jumps or not _arrows_leave_velocities_alone(e)
+        height = self._height(*self._height.sx_in())
+        self._free = not (self._balanced or e.system.has("force")) and height.is_zero()
 
     def _recorded_height(self) -> ca.Function:
         """(t, x_m, xi, q0, q1, theta) -> ``W - <A, xi>`` at ``target(retract(x_m, t))``."""
@@ -90,6 +92,7 @@ class EnergyPreservingStep(FlightRule):
         better = solver.better()
         x_m, x1, p1, impulse, work = equations.flown(better)
         xi, zeta = better[:r], h * better[:r] / 2
+        pieces = ((x0, h * xi),) if self._free else ((x0, zeta), (x_m, zeta))
         return EnergyPreservingFlight(
             unknowns=solver.unknowns,
             guess=lambda x, p: self._first_values(x, p, theta)[list(solver.implicit), 0],
@@ -100,9 +103,9 @@ class EnergyPreservingStep(FlightRule):
             + ca.dot(impulse, e.raised(x0, impulse, theta)),
             target=x1,
             momentum=p1,
-            pieces=((x0, zeta), (x_m, zeta)),
-            extent=((x0, zeta),),
-            velocities=ca.vertcat(xi, xi),
+            pieces=pieces,
+            extent=pieces[:1],
+            velocities=ca.vertcat(*[xi for _ in pieces]),
             force_work=work,
             solver=solver,
             momentum_slope=slope,
@@ -133,6 +136,11 @@ class _Equations:
         """Middle point, end, momentum there, impulse of all forces, work of the external one."""
         e, h, theta, rule = self._e, self._h, self._theta, self._rule
         xi = values[: e.rank]
+        nothing = ca.SX(e.rank, 1)
+        if rule._free:
+            # nothing acts in the middle: one arrow does for two
+            end = e.target(self._x0, h * xi)
+            return self._x0, end, e.transport(self._x0, h * xi, self._p0), nothing, ca.SX(0)
         zeta = h * xi / 2
         x_m = e.target(self._x0, zeta)
         x1 = e.target(x_m, zeta)
@@ -140,7 +148,7 @@ class _Equations:
         q1 = values[e.rank :] - self._charge(x1) if rule._joint else q0
         arguments = (x_m, xi, q0, q1, theta)
         b = h * discrete_gradient(rule._height, -zeta, zeta, *arguments)
-        push, work = ca.SX(e.rank, 1), ca.SX(0)
+        push, work = nothing, ca.SX(0)
         if e.system.has("force"):
             push = h * e.force(x_m, xi, theta)
             work = ca.dot(push, xi)

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import groupoid_gni as gni
-from groupoid_gni.discretization import SystemExpressions, default_table
-from groupoid_gni.integrators import compiled_step, marching
+from groupoid_gni.discretization import default_table
+from groupoid_gni.integrators import compiled_step
+from groupoid_gni.integrators.preparation import Starts, prepare
 
 METHODS = [
     gni.GNI(4),
@@ -51,12 +52,9 @@ def test_saving_less_changes_nothing(method):
 def test_a_run_cut_inside_a_step_goes_on_with_the_same_bits(method):
     scene = ball()
     runner = compiled_step(scene.system, method, scene.start.active_rows)
-    node = marching._node_numbers(
-        SystemExpressions(scene.system, (0, 1)),
-        scene.start, scene.system.parameter_vector, np.zeros(0),
-    )
-    parameters = np.concatenate([scene.system.parameter_vector, [0.1], node["scales"]])
-    state = marching._initial_state(runner.program, scene.start, 0.1, node, None)
+    starts = Starts.of(scene.system, [scene.start], None)
+    members = prepare(scene.system, runner, starts, 0.1, None)
+    parameters, state = members.parameters[:, 0], members.states[:, 0]
     stages = runner.program.stages
     begin = runner.begin(parameters, state)
     whole, rows, _ = runner.advance(parameters, begin, 4 * stages, stages)
@@ -80,11 +78,15 @@ def test_poses_are_accumulated_over_all_stages(method):
         _ = coarse.arrows
 
 
-def test_equal_pieces_of_the_energy_preserving_flight_are_stored_as_arrows():
-    scene = ball()
+@pytest.mark.parametrize(
+    ("scene", "pieces"),
+    [(ball(), 2), (gni.scenes.veselova(weight=(0.3, 0.2, -0.4)), 4)],
+    ids=["nothing acts", "a weight acts"],
+)
+def test_equal_pieces_of_the_energy_preserving_flight_are_stored_as_arrows(scene, pieces):
     method = gni.GNI(flow=gni.EnergyPreserving())
     bare, carried = run(scene, method), run(scene, method, reconstruct=True)
-    assert bare.flights == 4
+    assert bare.flights == pieces
     np.testing.assert_allclose(bare.reconstruct(), carried.reconstruct(), rtol=0, atol=1e-13)
 
 
