@@ -28,6 +28,13 @@ STAGNATION = 0.06
 STAGNATION_LEVEL = 1e-22
 """e^2 below which stagnation is accepted (ill-conditioned problems end there)."""
 
+NO_GAIN = 0.5
+"""A reduction of e^2 worse than this factor, below ``NO_GAIN_LEVEL``, is round-off as well."""
+
+NO_GAIN_LEVEL = 1e-17
+"""e^2 below which no gain at all is accepted: forces at coordinates of size 1e5 and more are no
+better than that."""
+
 MAX_ITERATIONS = 30
 """Iterations before the step is given up."""
 
@@ -44,4 +51,5 @@ def finished(now: float, last: float, left: float, quadratic: bool) -> bool:
         now <= AT_ROUND_OFF
         or (predicted and left <= LEFT)
         or (now >= STAGNATION * last and now <= STAGNATION_LEVEL)
+        or (now >= NO_GAIN * last and now <= NO_GAIN_LEVEL)
     )

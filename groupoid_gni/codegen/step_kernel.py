@@ -364,11 +364,15 @@ class StepKernel:
         predicted = e.compare("ole", power, bound)
         if settled is not None:
             predicted = e.assign(f"and {e.flag_type} {predicted}, {settled}")
-        slow = e.compare("oge", error, e.binary("fmul", "%t", e.constant(rule.STAGNATION)))
-        low = e.compare("ole", error, e.constant(rule.STAGNATION_LEVEL))
-        stagnated = e.assign(f"and {e.flag_type} {slow}, {low}")
         either = e.assign(f"or {e.flag_type} {at_floor}, {predicted}")
-        return e.assign(f"or {e.flag_type} {either}, {stagnated}")
+        for factor, level in (
+            (rule.STAGNATION, rule.STAGNATION_LEVEL), (rule.NO_GAIN, rule.NO_GAIN_LEVEL)
+        ):
+            slow = e.compare("oge", error, e.binary("fmul", "%t", e.constant(factor)))
+            low = e.compare("ole", error, e.constant(level))
+            stagnated = e.assign(f"and {e.flag_type} {slow}, {low}")
+            either = e.assign(f"or {e.flag_type} {either}, {stagnated}")
+        return either
 
     def _advance(self, values: Values, memory: list[str], converged: str | None) -> None:
         e = self.e
