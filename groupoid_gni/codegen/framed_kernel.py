@@ -183,12 +183,13 @@ class FramedKernel(StepKernel):
         self._compute([UPDATE, CARRIED, MEASURE], ITERATED)
         for output in (UPDATE, CARRIED, MEASURE):
             self._calls(self.framed.output(output))
-        error, counted, busy = self._measured()
+        measure = (self._get("%frame", self.region["measure"] + k) for k in range(3))
+        error, counted, busy = self.measured(*measure)
         unknowns, update, new = (self._place(k) for k in ("unknowns", "update", "new"))
         self._loop(n, lambda i: self._put(
             e.binary("fsub", self._get(unknowns, i), self._get(update, i)), new, i
         ))
-        self._branch_after(busy)
+        self._branch_after_iteration(busy, "again")
         e.label("again")
         self._continue(busy)
         again_end = e.block
@@ -220,34 +221,6 @@ class FramedKernel(StepKernel):
             self._put(value, unknowns, i)
 
         self._loop(n, guess)
-
-    def _measured(self) -> tuple[str, str, str]:
-        """e^2, the running count, and a flag per lane that tells whether it is still busy."""
-        e = self.e
-        work, energy, left = (self._get("%frame", self.region["measure"] + k) for k in range(3))
-        scale = e.binary("fadd", energy, e.constant(rule.TINY))
-        error = e.binary("fdiv", work, scale)
-        settled = None
-        if not self.program.left.is_zero():
-            settled = e.compare("ole", left, e.binary("fmul", scale, e.constant(rule.LEFT)))
-        busy = self._not(self._finished(error, settled))
-        one = e.constant(1.0)
-        if e.lanes == 1:
-            return error, e.binary("fadd", "%total", one), busy
-        error = e.select("%busy", error, "%t")
-        counted = e.binary("fadd", "%total", e.select("%busy", one, e.constant(0.0)))
-        return error, counted, e.assign(f"and {e.flag_type} %busy, {busy}")
-
-    def _branch_after(self, busy: str) -> None:
-        e = self.e
-        keep_going = busy
-        if e.lanes > 1:
-            bits = e.assign(f"bitcast {e.flag_type} {busy} to i{e.lanes}")
-            keep_going = e.assign(f"icmp ne i{e.lanes} {bits}, 0")
-        e.line("%j1 = add i64 %j, 1")
-        left = e.assign(f"icmp slt i64 %j1, {rule.MAX_ITERATIONS}")
-        again = e.assign(f"and i1 {keep_going}, {left}")
-        e.line(f"br i1 {again}, label %again, label %settled")
 
     def _continue(self, busy: str) -> None:
         """New unknowns and carried values into place; a lane that is done keeps its old ones."""
@@ -293,7 +266,7 @@ class FramedKernel(StepKernel):
             self._finish_in_memory()
         self._save_from_memory()
         e.line("br label %head")
-        self._close()
+        self._close_counters()
 
     def _verdict(self) -> tuple[str, str]:
         """``_judged`` on the sum of what must be finite and on the guards, read from memory."""
@@ -379,35 +352,11 @@ class FramedKernel(StepKernel):
         e.label("kept")
 
     def _save_from_memory(self) -> None:
-        """Write a row when the absolute stage number is a multiple of ``every``."""
-        e = self.e
-        before = e.block
-        e.line("%k1 = add i64 %k, 1")
-        e.line("%now = icmp eq i64 %k1, %due")
-        e.line("br i1 %now, label %save, label %saved")
-        e.label("save")
         arrows = self.sizes["arrows"]
-        self._copy("%row", "%state", self.state_size)
-        self._copy(self._at("%row", self.state_size), self._place("arrows"), arrows)
-        self._put(self.total, "%row", self.state_size + arrows)
-        after = self._at("%row", self.state_size + arrows + 1)
-        later = e.assign("add i64 %due, %every")
-        e.line("br label %saved")
-        e.label("saved")
-        e.line(f"%row1 = phi ptr [ %row, %{before} ], [ {after}, %save ]")
-        e.line(f"%due1 = phi i64 [ %due, %{before} ], [ {later}, %save ]")
-        if self.program.stages > 1:
-            following = e.assign("add i64 %stage, 1")
-            full = e.assign(f"icmp eq i64 {following}, {self.program.stages}")
-            e.line(f"%stage1 = select i1 {full}, i64 0, i64 {following}")
 
-    def _close(self) -> None:
-        entry = self.entry_end
-        self._phi("head", "%k", "i64", ("0", entry), ("%k1", "saved"))
-        self._phi("head", "%due", "i64", (self.first_due, entry), ("%due1", "saved"))
-        self._phi("head", "%row", "ptr", ("%rows", entry), ("%row1", "saved"))
-        if self.program.stages > 1:
-            self._phi("head", "%stage", "i64", (self.first_stage, entry), ("%stage1", "saved"))
-        if self.e.lanes > 1:
-            alive = ((self.start_alive, entry), ("%alive1", "saved"))
-            self._phi("head", "%alive", self.e.flag_type, *alive)
+        def write() -> None:
+            self._copy("%row", "%state", self.state_size)
+            self._copy(self._at("%row", self.state_size), self._place("arrows"), arrows)
+            self._put(self.total, "%row", self.state_size + arrows)
+
+        self._save_when_due(write, self.state_size + arrows + 1)

@@ -10,6 +10,8 @@ every lane computes what it would compute alone.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import casadi as ca
 
 from groupoid_gni.codegen import newton_rule as rule
@@ -319,29 +321,31 @@ class StepKernel:
         The flag tells whether the lane is still busy.
         """
         e = self.e
-        work, energy, left = inner.output(MEASURE)
-        scale = e.binary("fadd", energy, e.constant(rule.TINY))
-        error = e.binary("fdiv", work, scale)
-        settled = None
-        if not self.program.left.is_zero():
-            settled = e.compare("ole", left, e.binary("fmul", scale, e.constant(rule.LEFT)))
-        busy = self._not(self._finished(error, settled))
         n = self.unknown_size
         new = [
             e.binary("fsub", u, d)
             for u, d in zip(unknowns[:n], inner.output(UPDATE), strict=True)
         ]
         new += inner.output(CARRIED)
+        return new, *self.measured(*inner.output(MEASURE))
+
+    def measured(self, work: str, energy: str, left: str) -> tuple[str, str, str]:
+        """e^2, the running count of iterations, and a flag per lane: it is still busy."""
+        e = self.e
+        scale = e.binary("fadd", energy, e.constant(rule.TINY))
+        error = e.binary("fdiv", work, scale)
+        settled = None
+        if not self.program.left.is_zero():
+            settled = e.compare("ole", left, e.binary("fmul", scale, e.constant(rule.LEFT)))
+        busy = self._not(self._finished(error, settled))
         one = e.constant(1.0)
         if e.lanes == 1:
-            total = e.binary("fadd", "%total", one)
-        else:
-            error = e.select("%busy", error, "%t")
-            total = e.binary("fadd", "%total", e.select("%busy", one, e.constant(0.0)))
-            busy = e.assign(f"and {e.flag_type} %busy, {busy}")
-        return new, error, total, busy
+            return error, e.binary("fadd", "%total", one), busy
+        error = e.select("%busy", error, "%t")
+        total = e.binary("fadd", "%total", e.select("%busy", one, e.constant(0.0)))
+        return error, total, e.assign(f"and {e.flag_type} %busy, {busy}")
 
-    def _branch_after_iteration(self, busy: str) -> None:
+    def _branch_after_iteration(self, busy: str, again_at: str = "newton") -> None:
         """Go round again while any lane is unfinished and iterations are left."""
         e = self.e
         keep_going = busy
@@ -351,7 +355,7 @@ class StepKernel:
         e.line("%j1 = add i64 %j, 1")
         left = e.assign(f"icmp slt i64 %j1, {rule.MAX_ITERATIONS}")
         again = e.assign(f"and i1 {keep_going}, {left}")
-        e.line(f"br i1 {again}, label %newton, label %settled")
+        e.line(f"br i1 {again}, label %{again_at}, label %settled")
 
     def _finished(self, error: str, settled: str | None) -> str:
         """``newton_rule.finished`` as flags; ``settled``: nothing is left in the next state."""
@@ -419,13 +423,7 @@ class StepKernel:
         ]
 
     def _close_head(self, new: list[str], memory: list[str]) -> None:
-        e = self.e
-        entry = self.entry_end
-        self._phi("head", "%k", "i64", ("0", entry), ("%k1", "saved"))
-        self._phi("head", "%due", "i64", (self.first_due, entry), ("%due1", "saved"))
-        if self.program.stages > 1:
-            self._phi("head", "%stage", "i64", (self.first_stage, entry), ("%stage1", "saved"))
-        self._phi("head", "%row", "ptr", ("%rows", entry), ("%row1", "saved"))
+        self._close_counters()
         carried = zip(
             [*self.state, *self.memory],
             [*self.start_state, *self.start_memory],
@@ -433,10 +431,19 @@ class StepKernel:
             strict=True,
         )
         for name, start, following in carried:
-            self._phi("head", name, e.type, (start, entry), (following, "saved"))
-        if e.lanes > 1:
+            self._phi("head", name, self.e.type, (start, self.entry_end), (following, "saved"))
+
+    def _close_counters(self) -> None:
+        """Stage numbers, room for the next row and living lanes, from round to round."""
+        entry = self.entry_end
+        self._phi("head", "%k", "i64", ("0", entry), ("%k1", "saved"))
+        self._phi("head", "%due", "i64", (self.first_due, entry), ("%due1", "saved"))
+        self._phi("head", "%row", "ptr", ("%rows", entry), ("%row1", "saved"))
+        if self.program.stages > 1:
+            self._phi("head", "%stage", "i64", (self.first_stage, entry), ("%stage1", "saved"))
+        if self.e.lanes > 1:
             alive = ((self.start_alive, entry), ("%alive1", "saved"))
-            self._phi("head", "%alive", e.flag_type, *alive)
+            self._phi("head", "%alive", self.e.flag_type, *alive)
 
     def _checks(self, values: Values, new: list[str], converged: str | None) -> tuple[str, str]:
         """Flag that the step is good, and the outcome code in case it is not.
@@ -506,15 +513,23 @@ class StepKernel:
 
     def _save(self, row: list[str]) -> None:
         """Write a row when the absolute stage number is a multiple of ``every``."""
+
+        def write() -> None:
+            for i, name in enumerate(row):
+                _store(self.e, name, "%row", str(i))
+
+        self._save_when_due(write, len(row))
+
+    def _save_when_due(self, write: Callable[[], None], size: int) -> None:
+        """Let a row of that size be written where one is due, and go on to the next stage."""
         e = self.e
         before = e.block
         e.line("%k1 = add i64 %k, 1")
         e.line("%now = icmp eq i64 %k1, %due")
         e.line("br i1 %now, label %save, label %saved")
         e.label("save")
-        for i, name in enumerate(row):
-            _store(e, name, "%row", str(i))
-        after = e.assign(f"getelementptr {e.type}, ptr %row, i64 {len(row)}")
+        write()
+        after = e.assign(f"getelementptr {e.type}, ptr %row, i64 {size}")
         later = e.assign("add i64 %due, %every")
         e.line("br label %saved")
         e.label("saved")
