@@ -27,6 +27,8 @@ ORDER = [
     ["integrators"],
     ["diagnostics"],
     ["plotting"],
+    ["reports"],
+    ["report"],
     ["verification"],
 ]
 PLACE = {room: number for number, rooms in enumerate(ORDER) for room in rooms}

@@ -37,8 +37,8 @@ _MOVE = "declare void @llvm.memmove.p0.p0.i64(ptr, ptr, i64, i1)"
 class FramedKernel(StepKernel):
     """``advance`` as ``StepKernel`` makes it, for programs of many thousand operations."""
 
-    def __init__(self, program: StepProgram, lanes: int, fused: bool) -> None:
-        super().__init__(program, lanes, fused)
+    def __init__(self, program: StepProgram, tape: Tape, lanes: int, fused: bool) -> None:
+        super().__init__(program, tape, lanes, fused)
         self.frame = Frame(lanes, fused)
         sizes = {
             "parameters": program.parameters.numel(),

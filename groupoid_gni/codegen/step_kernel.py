@@ -53,6 +53,11 @@ def step_function(program: StepProgram) -> ca.Function:
     return ca.Function("step", inputs, ca.cse([ca.densify(o) for o in outputs]))
 
 
+def step_tape(program: StepProgram) -> Tape:
+    """The operations of a stage, as the kernels take them."""
+    return Tape.of(step_function(program)).optimised()
+
+
 def finish_function(program: StepProgram, finish: ca.SX) -> ca.Function:
     """(parameters, (state after the last stage, given)) -> state at the end of a composed step."""
     inputs = [program.parameters, ca.vertcat(program.state, program.given)]
@@ -61,12 +66,12 @@ def finish_function(program: StepProgram, finish: ca.SX) -> ca.Function:
 
 def step_kernel_ir(program: StepProgram, lanes: int, fused: bool) -> str:
     """IR text of the module with ``@advance`` for this program."""
-    kernel = StepKernel(program, lanes, fused)
-    if len(kernel.tape.operations) > FRAMED_PROGRAM:
-        from groupoid_gni.codegen.framed_kernel import FramedKernel
+    tape = step_tape(program)
+    if len(tape.operations) <= FRAMED_PROGRAM:
+        return StepKernel(program, tape, lanes, fused).text()
+    from groupoid_gni.codegen.framed_kernel import FramedKernel
 
-        kernel = FramedKernel(program, lanes, fused)
-    return kernel.text()
+    return FramedKernel(program, tape, lanes, fused).text()
 
 
 def operations_by_place(program: StepProgram) -> dict[str, list[Operation]]:
@@ -75,7 +80,7 @@ def operations_by_place(program: StepProgram) -> dict[str, list[Operation]]:
     run : before the loop.  stage : once in a stage, before or after the iteration.  iteration : in
     every iteration.  step : at the end of a composed step.
     """
-    tape = Tape.of(step_function(program)).optimised()
+    tape = step_tape(program)
     iterated = tape.needed([UPDATE, CARRIED, MEASURE])
     inside = {i for i in iterated if tape.levels[i] in ITERATED and program.unknowns.numel()}
     found: dict[str, list[Operation]] = {"run": [], "stage": [], "iteration": [], "step": []}
@@ -140,9 +145,9 @@ class StepKernel:
     stages, those that fail frozen.
     """
 
-    def __init__(self, program: StepProgram, lanes: int, fused: bool) -> None:
+    def __init__(self, program: StepProgram, tape: Tape, lanes: int, fused: bool) -> None:
         self.program = program
-        self.tape = Tape.of(step_function(program)).optimised()
+        self.tape = tape
         self.e = Emitter(lanes, fused, _block_length(self.tape))
         self.state_size = program.layout.size
         self.unknown_size = program.unknowns.numel()

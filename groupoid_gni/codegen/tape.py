@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -17,8 +18,7 @@ SUBTRACT_PRODUCT = -3
 """c - a b in one rounding."""
 
 
-@dataclass(frozen=True)
-class Operation:
+class Operation(NamedTuple):
     """One scalar operation; ``arguments`` are indices of earlier operations.
 
     For an input, ``arguments`` is (input number, entry); for a constant, ``value`` holds it.

@@ -14,7 +14,7 @@ import groupoid_gni as gni
 from groupoid_gni.codegen import MachineCode, machine_has_fused_products, step_kernel_ir
 from groupoid_gni.codegen.frame_parts import Frame, FramedTape
 from groupoid_gni.codegen.framed_kernel import FramedKernel
-from groupoid_gni.codegen.step_kernel import FRAMED_PROGRAM, StepKernel, step_function
+from groupoid_gni.codegen.step_kernel import FRAMED_PROGRAM, StepKernel, step_function, step_tape
 from groupoid_gni.codegen.tape import Tape
 from groupoid_gni.integrators import compiled_step
 from groupoid_gni.integrators.preparation import Starts, prepare
@@ -56,7 +56,7 @@ class Loop:
 
     def __init__(self, kernel: Any, program: Any, lanes: int) -> None:
         self.program, self.lanes = program, lanes
-        self.code = MachineCode(kernel(program, lanes, FUSED).text())
+        self.code = MachineCode(kernel(program, step_tape(program), lanes, FUSED).text())
         kinds = [ctypes.c_void_p] * 5 + [ctypes.c_int64] * 3
         self._advance = self.code.function("advance", *kinds, returns=ctypes.c_int64)
 
@@ -138,7 +138,9 @@ def test_control_inputs_and_poses_go_through_memory_too():
     expected = gni.integrate(system, start, **options)
     key = (gni.GNI(4), (0,), True, True)
     runner = system._compiled[key]
-    code = MachineCode(FramedKernel(runner.program, 1, FUSED).text())
+    code = MachineCode(
+        FramedKernel(runner.program, step_tape(runner.program), 1, FUSED).text()
+    )
     system._compiled[key] = type(runner)(runner.program, code)
     np.testing.assert_array_equal(gni.integrate(system, start, **options).rows, expected.rows)
 

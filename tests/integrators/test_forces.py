@@ -55,7 +55,7 @@ def sleigh(controlled: bool = False) -> gni.MechanicalSystem:
 
 def rates(y: Any, u: Any = (0.0, 0.0)) -> Any:
     """(omega', v') by hand; the blade takes what pushes across."""
-    force = drag(np.array([*y, 0.0])) + [u[0] - 0.1 * u[1], 0.7 * u[1], 0.0]
+    force = drag(np.array([*y, 0.0])) + np.array([u[0] - 0.1 * u[1], 0.7 * u[1], 0.0])
     turning = -MASS * OFFSET * y[0] * y[1] + force[0]
     return np.array([turning / METRIC[0, 0], OFFSET * y[0] ** 2 + force[1] / MASS])
 
