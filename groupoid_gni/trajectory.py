@@ -24,6 +24,8 @@ from groupoid_gni.systems import MechanicalSystem, real_array
 
 _FORMAT = "groupoid_gni trajectory 1"
 _ARROW_TOLERANCE = 1e-8
+# relative change of the velocity in one step from which on the summary speaks of it
+_UNRESOLVED = 0.5
 # CasADi evaluates a few thousand points at once faster than a million
 _BLOCK = 4096
 
@@ -203,6 +205,17 @@ class Trajectory:
         speeds = self.system.speeds(self.base, self._part("leaving"))
         scales = self.system.constraint_scales(self.base, speeds)
         return np.asarray(residuals / scales[:, list(self.active_rows)])
+
+    def velocity_changes(self) -> FloatArray:
+        """(n - 1,) change of the velocity from node to node, relative to the larger of the two.
+
+        In the norm of the metric. Near one or above, the motion is not resolved by the nodes; if
+        every step was saved, not by the steps either, however well the energy is kept.
+        """
+        xi = self.velocities
+        change = self.system.speeds(self.base[1:], np.diff(xi, axis=0))
+        speeds = self.system.speeds(self.base, xi)
+        return np.asarray(change / np.maximum(np.maximum(speeds[1:], speeds[:-1]), 1e-300))
 
     @property
     def newton_iterations(self) -> FloatArray:
@@ -403,6 +416,14 @@ class Trajectory:
             lines.append(f"  Newton       {self.rows[-1, -1] / steps:.2f} iterations per step")
         if self.rescued_steps:
             lines.append(f"  second tries {self.rescued_steps} stages needed one")
+        if steps and steps == len(self) - 1 and not self.own_steps:
+            changes = self.velocity_changes()
+            worst = int(np.argmax(changes))
+            if changes[worst] > _UNRESOLVED:
+                lines.append(
+                    f"  resolution   the velocity changes by {changes[worst]:.0%} in the step from "
+                    f"t = {self.times[worst]:g}: compare with half the step"
+                )
         if self.seconds > 0.0 and steps:
             lines.append(
                 f"  time         {self.seconds:.3g} s, {self.seconds / steps * 1e9:.0f} ns per step"

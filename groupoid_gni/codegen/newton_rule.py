@@ -29,11 +29,16 @@ STAGNATION_LEVEL = 1e-22
 """e^2 below which stagnation is accepted (ill-conditioned problems end there)."""
 
 NO_GAIN = 0.5
-"""A reduction of e^2 worse than this factor, below ``NO_GAIN_LEVEL``, is round-off as well."""
+"""A reduction of e^2 worse than this factor, below ``NO_GAIN_LEVEL``, is round-off as well, but
+only after ``NO_GAIN_AFTER`` updates: one update of a quasi-Newton method may gain nothing and the
+next gain much."""
 
 NO_GAIN_LEVEL = 1e-17
 """e^2 below which no gain at all is accepted: forces at coordinates of size 1e5 and more are no
 better than that."""
+
+NO_GAIN_AFTER = 10
+"""Updates of a stage that converges to round-off where it can are fewer."""
 
 MAX_ITERATIONS = 30
 """Iterations before the step is given up."""
@@ -42,8 +47,11 @@ TINY = 1e-300
 """Keeps the quotient finite for a system at rest."""
 
 
-def finished(now: float, last: float, left: float, quadratic: bool) -> bool:
-    """Whether the iteration may stop after the update with e^2 = ``now``, ``left`` in the state."""
+def finished(now: float, last: float, left: float, quadratic: bool, updates: int) -> bool:
+    """Whether the iteration may stop after the update with e^2 = ``now``, ``left`` in the state.
+
+    updates : how many there were before this one.
+    """
     predicted = now * now * now <= PREDICTED * last * last if quadratic else (
         now * now <= PREDICTED * last
     )
@@ -51,5 +59,5 @@ def finished(now: float, last: float, left: float, quadratic: bool) -> bool:
         now <= AT_ROUND_OFF
         or (predicted and left <= LEFT)
         or (now >= STAGNATION * last and now <= STAGNATION_LEVEL)
-        or (now >= NO_GAIN * last and now <= NO_GAIN_LEVEL)
+        or (updates >= NO_GAIN_AFTER and now >= NO_GAIN * last and now <= NO_GAIN_LEVEL)
     )

@@ -289,7 +289,7 @@ class InterpretedStep(StepRunner):
                 scale = outputs[2][1] + rule.TINY
                 now, left = (float(outputs[2][k] / scale) for k in (0, 2))
             u, carried = u - outputs[0], outputs[1]
-            if rule.finished(now, last, left, self.program.quadratic):
+            if rule.finished(now, last, left, self.program.quadratic, iteration):
                 return outputs, u, carried, iteration + 1
             last = now
         return outputs, u, carried, 0

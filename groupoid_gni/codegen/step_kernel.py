@@ -374,11 +374,14 @@ class StepKernel:
         if settled is not None:
             predicted = e.assign(f"and {e.flag_type} {predicted}, {settled}")
         either = e.assign(f"or {e.flag_type} {at_floor}, {predicted}")
+        late = e.assign(f"icmp sge i64 %j, {rule.NO_GAIN_AFTER}")
+        accepted = double_text(rule.NO_GAIN_LEVEL), double_text(0.0)
+        no_gain = e.assign("select i1 {}, double {}, double {}".format(late, *accepted))
         for factor, level in (
-            (rule.STAGNATION, rule.STAGNATION_LEVEL), (rule.NO_GAIN, rule.NO_GAIN_LEVEL)
+            (rule.STAGNATION, e.constant(rule.STAGNATION_LEVEL)), (rule.NO_GAIN, e.splat(no_gain))
         ):
             slow = e.compare("oge", error, e.binary("fmul", "%t", e.constant(factor)))
-            low = e.compare("ole", error, e.constant(level))
+            low = e.compare("ole", error, level)
             stagnated = e.assign(f"and {e.flag_type} {slow}, {low}")
             either = e.assign(f"or {e.flag_type} {either}, {stagnated}")
         return either

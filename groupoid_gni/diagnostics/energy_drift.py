@@ -27,6 +27,7 @@ _BLOCKS = (64, 48, 32, 24, 16)
 _LEAST_SAMPLES = 8
 _MISFIT = 1e-3
 _NEARLY_STEADY = 0.5
+_ESCAPE = 1e3
 _IMMATERIAL = 1e-5
 _ROUND_OFF = 8.0
 _EPSILON = float(np.finfo(float).eps)
@@ -106,7 +107,8 @@ def energy_drift(
     walk: the likelihood needs one. Flat: neither. Where no number of blocks agrees, a change whose
     rates in the three thirds are within a factor of two is linear, with an interval that spans
     them; anything else is undecided, as is a record below 128 samples. Means that move by what
-    round-off makes in so many steps, or wander by less than 1e-5 of the swing, are flat.
+    round-off makes in so many steps, or wander by less than 1e-5 of the swing, are flat. A record
+    that leaves all bounds in its last quarter is undecided, and the reason says so.
     Raises InputError when times are not evenly spaced or values not finite.
     """
     if not 0.5 < confidence < 1.0:
@@ -130,7 +132,10 @@ def energy_drift(
     rate = _scaled(fit.slope, (fit.slope - margin, fit.slope + margin), block_time)
     walk = _scaled(fit.walk_variance, fit.walk_interval(confidence), 2.0 * abs(block_time))
     change = float(np.ptp(fit.means))
-    if change <= floor:
+    escape = _escape(times, values)
+    if escape:
+        verdict, reason = Drift.UNDECIDED, escape
+    elif change <= floor:
         verdict, reason = Drift.FLAT, f"to round-off, the means change by {change:.1e}"
     elif fits:
         verdict, reason = _verdict(fit, margin, confidence, rate, walk)
@@ -141,6 +146,19 @@ def energy_drift(
         verdict, reason, rate = _misfit(fit, block_time, rate)
     blocks = len(fit.means)
     return _report(verdict, reason, rate, walk, fit.exponent(confidence), blocks, *common)
+
+
+def _escape(times: FloatArray, values: FloatArray) -> str:
+    """Whether the last quarter leaves by far what was kept before; nothing slower does that."""
+    reached = np.maximum.accumulate(np.abs(values - values[0]))
+    kept = reached[3 * len(values) // 4]
+    if reached[-1] <= _ESCAPE * kept:
+        return ""
+    since = times[np.argmax(reached > _ESCAPE * kept)]
+    return (
+        f"the record leaves all bounds: from t = {since:g} on it is more than {_ESCAPE:.0f} times "
+        "as far from its start as in the first three quarters; the run broke down there"
+    )
 
 
 _Estimate = tuple[float, Interval]
@@ -175,18 +193,16 @@ def _checked_record(
     record: Trajectory | ArrayLike, energy: ArrayLike | None
 ) -> tuple[FloatArray, FloatArray, int, float]:
     """Times and values of the even part, steps they took, and the size of the energies."""
-    scale = 0.0
     if isinstance(record, Trajectory):
         times = record.times
         values = record.energy() if energy is None else real_array("energy", energy)
         steps = int(record.node_steps[-1])
         kinetic = np.sum(record.momenta * record.velocities, axis=1) / 2.0
-        scale = float(np.max(np.abs(kinetic)))
     else:
         if energy is None:
             raise InputError("energy is missing: call energy_drift(run) or (times, energy)")
         times, values = real_array("times", record), real_array("energy", energy)
-        steps = times.size
+        steps, kinetic = times.size, np.zeros(times.size)
     if times.ndim != 1 or times.shape != values.shape:
         raise InputError(
             f"times and energy must have one and the same shape (n,), got {times.shape} and "
@@ -201,7 +217,8 @@ def _checked_record(
             times, values, gaps = times[:-1], values[:-1], gaps[:-1]
         if not gaps[0] or np.max(np.abs(gaps - gaps[0])) > 1e-6 * abs(gaps[0]):
             raise InputError("times must be evenly spaced, one after the other")
-    return times, values, steps, max(scale, float(np.max(np.abs(values), initial=0.0)))
+    sizes = [np.max(np.abs(v[: len(values)]), initial=0.0) for v in (kinetic, values)]
+    return times, values, steps, float(max(sizes))
 
 
 def _fitted(values: FloatArray) -> tuple[BlockFit | None, bool]:

@@ -6,6 +6,7 @@ a run of its own; one that fails fails alone, and is run again by itself for its
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -25,10 +26,15 @@ from groupoid_gni.codegen import (
     step_kernel_ir,
     widest_lanes,
 )
-from groupoid_gni.errors import InputError
+from groupoid_gni.errors import InputError, ParasiticModeWarning
 from groupoid_gni.integrators.ensemble_inputs import Member, checked_members
 from groupoid_gni.integrators.interruption import interruptible
-from groupoid_gni.integrators.marching import compiled_step, progress_bar, run_steps
+from groupoid_gni.integrators.marching import (
+    compiled_step,
+    parasitic_complaint,
+    progress_bar,
+    run_steps,
+)
 from groupoid_gni.integrators.methods import Method, ReferenceFlow, SteppingMethod
 from groupoid_gni.integrators.preparation import Starts, prepare
 from groupoid_gni.integrators.requests import (
@@ -142,7 +148,8 @@ def integrate_ensemble(
     Returns
     -------
     Ensemble. Members that fail or are refused are in ``failures``; nothing is raised for them, and
-    the others are complete. Ctrl-C is passed on once running jobs have ended.
+    the others are complete. Ctrl-C is passed on once running jobs have ended. Members that needed
+    second tries warn as runs of ``integrate`` do; a parasitic mode is told once for all.
 
     Raises
     ------
@@ -235,6 +242,7 @@ class _EnsembleRequest:
                 for future in waiting:
                     future.cancel()
                 raise
+        _warn_of_parasitic_modes({i: done[i] for b in batches if b.job for i in b.numbers})
         failures = {**refused, **{i: run.message for i, run in done.items() if not run.success}}
         whole = len(done) + len(refused)
         runs = [done[i] if i in done else self._nothing(refused[i]) for i in range(whole)]
@@ -368,6 +376,16 @@ class _Batch:
     runner: StepRunner
     numbers: list[int]
     job: LaneJob | None = None
+
+
+def _warn_of_parasitic_modes(runs: Mapping[int, Trajectory]) -> None:
+    """One warning for all members that came out of a loop over lanes."""
+    complaints = {i: text for i, run in runs.items() if (text := parasitic_complaint(run))}
+    if not complaints:
+        return
+    first = min(complaints)
+    text = f"{len(complaints)} of {len(runs)} members, first member {first}: {complaints[first]}"
+    warnings.warn(ParasiticModeWarning(text, runs[first]), stacklevel=4)
 
 
 def _bare_row(size: int, state: FloatArray, newton: float) -> FloatArray:

@@ -45,6 +45,8 @@ _CHUNK_SECONDS = 0.01
 _PARASITIC_FACTOR = 2.0
 _PARASITIC_GROWTH = 10.0
 _PARASITIC_FLOOR = 1e-10
+_PARASITIC_CEILING = 0.3
+"""Part of |p| that is too much even where single impulses are as large as p."""
 _BASE_TOLERANCE = 1e-6
 _JUMP = 0.1
 """Relative change of the velocity in a rescued stage from which on it is suspect."""
@@ -382,23 +384,31 @@ def _warn_of_rescued_steps(run: Trajectory, rescued: Rescued, request: _Request)
 
 
 def _warn_of_parasitic_mode(run: Trajectory) -> None:
-    if "parasitic" not in run.layout.slices:
-        return
+    complaint = parasitic_complaint(run)
+    if complaint:
+        warnings.warn(ParasiticModeWarning(complaint, run), stacklevel=4)
+
+
+def parasitic_complaint(run: Trajectory) -> str:
+    """What there is to say of a two-step run whose alternating mode grew; nothing otherwise."""
+    if "parasitic" not in run.layout.slices or not len(run):
+        return ""
     growing = run.parasitic_maximum
-    bound = max(
+    usual = max(
         _PARASITIC_FACTOR * run.parasitic_bound,
         _PARASITIC_GROWTH * run.parasitic_at_start,
         _PARASITIC_FLOOR,
     )
-    if growing[-1] > bound:
-        since = run.times[np.argmax(growing > bound)]
-        text = (
-            f"the (-1)^k mode of {run.method_name} left its O(h^2) level {bound:.2g} at t = "
-            f"{since:g} and has reached {growing[-1]:.2g} of |p|: it grows where the true motion "
-            "contracts volume, whatever the step, and the run should not be trusted from there on. "
-            "Use method=gni.GNI(), which has no such mode"
-        )
-        warnings.warn(ParasiticModeWarning(text, run), stacklevel=4)
+    bound = min(usual, _PARASITIC_CEILING)
+    if not growing[-1] > bound:
+        return ""
+    since = run.times[np.argmax(growing > bound)]
+    return (
+        f"the (-1)^k mode of {run.method_name} left its O(h^2) level {bound:.2g} at t = "
+        f"{since:g} and has reached {growing[-1]:.2g} of |p|: it grows where the true motion "
+        "contracts volume, whatever the step, and the run should not be trusted from there on. "
+        "Use method=gni.GNI(), which has no such mode"
+    )
 
 
 @contextmanager

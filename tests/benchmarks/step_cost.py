@@ -257,7 +257,7 @@ def compile_c(source: str, flags: list[str], folder: Path) -> Path:
     """A shared library of ``c/source``; the numbers of the stopping rule are passed in."""
     names = (
         "AT_ROUND_OFF", "PREDICTED", "BEFORE_FIRST", "LEFT", "STAGNATION", "STAGNATION_LEVEL",
-        "NO_GAIN", "NO_GAIN_LEVEL", "MAX_ITERATIONS", "TINY",
+        "MAX_ITERATIONS", "TINY",
     )
     weights = ", ".join(repr(w) for w in EXTRAPOLATION)
     macros = [f"-D{name}={getattr(rule, name)!r}" for name in names]

@@ -133,6 +133,21 @@ def test_constants_and_round_off_are_flat() -> None:
     assert "round-off" in report.reason
 
 
+def test_a_run_that_leaves_every_bound_at_its_end_is_not_flat() -> None:
+    system = gni.MechanicalSystem(
+        gni.PairGroupoid(2), metric=np.diag([1.3, 0.8]), potential=lambda x, p: -0.3 * (x @ x) ** 2
+    )
+    start = system.state([0.31, -0.2], [0.11, 0.2])
+    options = {"step": 0.002, "method": gni.GNI(flow=gni.Splitting())}
+    probe = gni.integrate(system, start, n_steps=20_000, on_failure="return", **options)
+    finite = int(np.argmax(np.abs(probe.energy()) > 1e150))
+    run = gni.integrate(system, start, n_steps=finite, save_every=finite // 200, **options)
+    assert finite % (finite // 200)
+    report = energy_drift(run)
+    assert report.verdict is Drift.UNDECIDED
+    assert "leaves all bounds" in report.reason
+
+
 def test_bad_records_are_refused() -> None:
     with pytest.raises(gni.InputError, match="evenly spaced"):
         energy_drift(TIMES**2, TIMES)

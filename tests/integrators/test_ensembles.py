@@ -240,3 +240,15 @@ def test_inputs_are_left_alone_and_progress_counts_members(capsys):
     assert "11.0/11.0" in capsys.readouterr().err
     for start, momentum in zip(starts, before, strict=True):
         np.testing.assert_array_equal(start.momentum, momentum)
+
+
+def test_a_parasitic_mode_is_told_once_for_all_members():
+    scene = gni.scenes.chaplygin_sleigh()
+    starts = [
+        scene.system.state(scene.start.base, s * scene.start.velocity) for s in (0.01, 1.0, 1.3)
+    ]
+    options = {"step": 0.05, "n_steps": 500, "method": gni.Rattle(), "save_every": 10}
+    with pytest.warns(gni.ParasiticModeWarning, match="2 of 3 members, first member 1") as found:
+        ensemble = gni.integrate_ensemble(scene.system, starts, **options)
+    assert len(found) == 1
+    assert found[0].message.result is ensemble[1]

@@ -21,8 +21,7 @@ INLINE int finished(double now, double last, double left, int quadratic)
     predicted &= left <= LEFT;
     /* one branch, not one per condition */
     return (now <= AT_ROUND_OFF) | predicted
-        | ((now >= STAGNATION * last) & (now <= STAGNATION_LEVEL))
-        | ((now >= NO_GAIN * last) & (now <= NO_GAIN_LEVEL));
+        | ((now >= STAGNATION * last) & (now <= STAGNATION_LEVEL));
 }
 
 /* The unknowns of the last HISTORY steps, in a ring whose newest row is `newest`. */
