@@ -7,6 +7,7 @@ and block copies, so that its own code does not grow with the system.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from itertools import groupby
 
 from groupoid_gni.codegen import newton_rule as rule
 from groupoid_gni.codegen.frame_parts import Frame, FramedTape
@@ -23,6 +24,7 @@ from groupoid_gni.codegen.step_kernel import (
     STATE,
     UPDATE,
     StepKernel,
+    Verdict,
     finish_function,
     module_text,
 )
@@ -277,10 +279,38 @@ class FramedKernel(StepKernel):
         stretches.append(("finite", 0, self.sizes["finite"]))
         for name, begin, count in stretches:
             total = self._summed(total, self._at("%frame", self.region[name] + begin), count)
-        guards = [
-            self._get("%frame", self.region["guards"] + k) for k in range(self.sizes["guards"])
-        ]
-        return self.judged(total, guards, self.converged)
+        return self.judged(total, self._verdicts(), self.converged)
+
+    def _verdicts(self) -> list[Verdict]:
+        """Neighbouring guards of one kind are looked at in one loop."""
+        found, begin = [], 0
+        for (code, decisive), alike in groupby(
+            self.program.guards, lambda guard: (guard.code, guard.decisive)
+        ):
+            count = len(list(alike))
+            base = self._at("%frame", self.region["guards"] + begin)
+            found.append(self._verdict_of(code, decisive, base, count))
+            begin += count
+        return found
+
+    def _verdict_of(self, code: int, decisive: bool, base: str, count: int) -> Verdict:
+        e, before = self.e, self.e.block
+        self._loops += 1
+        k, kind, one = self._loops, e.flag_type, e.constant(1.0)
+        e.line(f"br label %guards{k}")
+        e.label(f"guards{k}")
+        e.line(f"%i{k} = phi i64 [ 0, %{before} ], [ %n{k}, %guards{k} ]")
+        for name, word in (("fine", "true"), ("crossed", "false")):
+            start = self._flag(word)
+            e.line(f"%{name}{k} = phi {kind} [ {start}, %{before} ], [ %{name}{k}n, %guards{k} ]")
+        value = self._get(base, f"%i{k}")
+        e.line(f"%fine{k}n = and {kind} %fine{k}, {e.compare('olt', value, one)}")
+        e.line(f"%crossed{k}n = or {kind} %crossed{k}, {e.compare('oge', value, one)}")
+        e.line(f"%n{k} = add i64 %i{k}, 1")
+        more = e.assign(f"icmp slt i64 %n{k}, {count}")
+        e.line(f"br i1 {more}, label %guards{k}, label %guards{k}end")
+        e.label(f"guards{k}end")
+        return Verdict(code, f"%fine{k}n", f"%crossed{k}n" if decisive else None)
 
     def _summed(self, start: str, base: str, count: int) -> str:
         """start plus all entries of a stretch, in four sums that do not wait for one another."""

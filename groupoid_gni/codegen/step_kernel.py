@@ -11,6 +11,7 @@ every lane computes what it would compute alone.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import casadi as ca
 
@@ -130,6 +131,15 @@ def _load(e: Emitter, pointer: str, index: int) -> str:
 def _store(e: Emitter, value: str, pointer: str, index: str) -> None:
     address = e.assign(f"getelementptr {e.type}, ptr {pointer}, i64 {index}")
     e.line(f"store {e.type} {value}, ptr {address}, align 8")
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Flags of one guard or several: all are below one; one is not (only of decisive guards)."""
+
+    code: int
+    fine: str
+    crossed: str | None
 
 
 class StepKernel:
@@ -300,9 +310,12 @@ class StepKernel:
         return [self.e.select(busy, a, b) for a, b in zip(new, old, strict=True)]
 
     def _not(self, flag: str) -> str:
-        e = self.e
-        true = "true" if e.lanes == 1 else "<" + ", ".join(["i1 true"] * e.lanes) + ">"
-        return e.assign(f"xor {e.flag_type} {flag}, {true}")
+        return self.e.assign(f"xor {self.e.flag_type} {flag}, {self._flag('true')}")
+
+    def _flag(self, word: str) -> str:
+        """``true`` or ``false`` in every lane."""
+        lanes = self.e.lanes
+        return word if lanes == 1 else "<" + ", ".join([f"i1 {word}"] * lanes) + ">"
 
     def _extrapolated(self) -> list[str]:
         """Extrapolation of the unknowns from their values in the last stages."""
@@ -465,26 +478,30 @@ class StepKernel:
         while len(sums) > 1:
             couples = zip(sums[::2], sums[1::2], strict=False)
             sums = [*(e.binary("fadd", a, b) for a, b in couples), *sums[len(sums) & ~1 :]]
-        return self.judged(sums[0], values.output(GUARDS), converged)
+        one, guards = e.constant(1.0), self.program.guards
+        judged = [
+            Verdict(guard.code, e.compare("olt", name, one),
+                    e.compare("oge", name, one) if guard.decisive else None)
+            for name, guard in zip(values.output(GUARDS), guards, strict=True)
+        ]  # fmt: skip
+        return self.judged(sums[0], judged, converged)
 
-    def judged(self, total: str, guards: list[str], converged: str | None) -> tuple[str, str]:
+    def judged(
+        self, total: str, verdicts: list[Verdict], converged: str | None
+    ) -> tuple[str, str]:
         """Flag and outcome code from a sum that must be finite, the guards, Newton's verdict."""
         e = self.e
         good = e.compare("oeq", e.binary("fsub", total, total), e.constant(0.0))
         code = self._code(Outcome.NOT_FINITE)
-        one = e.constant(1.0)
-        pairs = list(zip(guards, self.program.guards, strict=True))
-        for name, guard in reversed(pairs):
-            fine = e.compare("olt", name, one)
-            code = self._choose(fine, code, self._code(guard.code))
-            good = e.assign(f"and {e.flag_type} {good}, {fine}")
+        for verdict in reversed(verdicts):
+            code = self._choose(verdict.fine, code, self._code(verdict.code))
+            good = e.assign(f"and {e.flag_type} {good}, {verdict.fine}")
         if converged is not None:
             code = self._choose(converged, code, self._code(Outcome.NEWTON_FAILED))
             good = e.assign(f"and {e.flag_type} {good}, {converged}")
-        for name, guard in reversed(pairs):
-            if guard.decisive:
-                crossed = e.compare("oge", name, one)
-                code = self._choose(crossed, self._code(guard.code), code)
+        for verdict in reversed(verdicts):
+            if verdict.crossed is not None:
+                code = self._choose(verdict.crossed, self._code(verdict.code), code)
         return good, code
 
     @property

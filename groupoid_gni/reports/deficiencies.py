@@ -67,6 +67,35 @@ KNOWN = (
         "The object code is cached on disk, and parameters can be changed without compiling.",
     ),
     Deficiency(
+        "A system of some hundred bodies takes a few seconds to its first step (table of the "
+        "chain).",
+        "Differentiating, writing a hundred thousand instructions and compiling them take a "
+        "second or two each.",
+        "Nothing is asked of the user: the object code is cached. Writing bodies that are alike "
+        "once, as a loop, would take it away.",
+    ),
+    Deficiency(
+        "Near the singularity of a chart a projected step can converge to another solution at its "
+        "first try, and no warning is given (inhomogeneous_ball_in_a_chart, one start in forty).",
+        "The equations of a step have several solutions there, and the one found need not be the "
+        "continuation. Second tries that jump do warn.",
+        "Use a groupoid without a chart (inhomogeneous_ball has no such place), read "
+        "run.velocity_changes(), compare with half the step.",
+    ),
+    Deficiency(
+        "Two constraint rows that turn over in one and the same step pass the guard against rows "
+        "that turn over (found with Rattle() where a tilted disc lies down).",
+        "The guard is the sign of a determinant, which two changes of sign leave alone.",
+        "Compare with half the step; ParasiticModeWarning tells of the consequence in that case.",
+    ),
+    Deficiency(
+        "At order 8 the observed slope of the default tables settles late, on some systems only at "
+        "round-off (docs/how_to_choose.md).",
+        "The tables have small leading coefficients, so that later terms are seen first.",
+        "For a clean slope give the 17 stages of Kahan and Li as the table, and larger errors "
+        "with them.",
+    ),
+    Deficiency(
         "The attitude of scenes whose base does not turn cannot be judged below 1e-11.",
         "It is accumulated along the motion, and its reference is only compared with a run of ten "
         "times the tolerance.",
