@@ -672,3 +672,19 @@ def test_systems_say_why_they_cannot_be_pickled_and_copy_as_themselves():
     assert copy.deepcopy(system) is system
     with pytest.raises(gni.GNIError, match=r"cannot be pickled.*Trajectory\.load"):
         pickle.dumps(system)
+
+
+@pytest.mark.parametrize("compile", [True, False])
+def test_a_closing_equation_that_turns_singular_is_told_as_such(compile, monkeypatch):
+    """No natural run was found that gets there: the bound on the inverse is lowered instead."""
+    from groupoid_gni.discretization import broyden
+
+    scene = gni.scenes.inhomogeneous_ball()
+    options = {"step": 0.05, "n_steps": 4, "compile": compile, "on_failure": "return"}
+    assert gni.integrate(scene.system, scene.start, method=gni.GNI(), **options).success
+    monkeypatch.setattr(broyden, "_LARGEST_INVERSE", 0.3)
+    again = gni.scenes.inhomogeneous_ball()
+    run = gni.integrate(again.system, again.start, method=gni.GNI(), **options)
+    assert run.outcome == Outcome.PROJECTION_SINGULAR
+    assert len(run) == 1
+    assert "smaller step" in run.message
