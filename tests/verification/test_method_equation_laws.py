@@ -226,7 +226,7 @@ def test_check_method_tries_both_groups_of_laws() -> None:
         ({"on_fail": "shout"}, "on_fail must be"),
         ({"expected_failures": {"frames_matter": "so"}}, "did you mean 'frames_do_not_matter'"),
     ],
-    ids=str,
+    ids=lambda value: value if isinstance(value, str) else ",".join(value),
 )
 def test_check_method_says_what_is_wrong_with_a_request(given: Any, said: str) -> None:
     sound = {"method": gni.GNI(), "system": gni.MechanicalSystem(gni.SO3(), metric=np.eye(3))}
