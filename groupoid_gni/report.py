@@ -1,6 +1,7 @@
 """``python -m groupoid_gni.report``: everything measured, as a page with figures.
 
-Writes ``measured_results.md`` and ``figures/measured_*.png`` into a folder (docs/ by default).
+Writes ``measured_results.md``, ``figures/measured_*.png`` and ``measured/*.md`` (every setting)
+into a folder (docs/ by default).
 Peers are those of ``tests/benchmarks/report_peers.py`` where the sources are checked out.
 """
 

@@ -44,10 +44,11 @@ KNOWN = (
         "Halve the step, or take a higher order, whose flights are shorter.",
     ),
     Deficiency(
-        "With very small steps the error of orders 6 and 8 grows again.",
-        "Each stage rounds state and closing momentum, sums are not compensated, and the stages of "
-        "a composition partly undo each other. The growth is measured, not analysed.",
-        "Stop refining where the table shows the plateau.",
+        "With very small steps the error of orders 6 and 8 grows again: on the rolling ball to "
+        "1e-11 at h = 0.001 with variational flights, 5e-13 with the other two.",
+        "A bias of about one rounding per stage in the implicit flight. Tighter stopping rules do "
+        "not change it, and the fractions of the tables add up to one.",
+        "Stop refining where the table shows the plateau, or take another flow.",
     ),
     Deficiency(
         "Variational and splitting flights let the energy of motions that are not reversible drift "

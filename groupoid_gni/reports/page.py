@@ -24,7 +24,7 @@ def write_report(
     comparisons: parts.Comparisons | None = None,
     say: Callable[[str], None] = print,
 ) -> Path:
-    """Measure, and write ``measured_results.md`` with ``figures/measured_*.png`` into a folder.
+    """Measure, and write ``measured_results.md`` with its figures and long tables into a folder.
 
     quick : coarse scans and short runs, for a look.
     scenes : names of ``report_scenes.SCENES`` to compare; all when left out. With a choice the
