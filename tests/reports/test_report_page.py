@@ -43,6 +43,9 @@ def test_the_page_has_its_chapters_and_its_figure(page):
         "## What a step costs", "## Known deficiencies",
     ):  # fmt: skip
         assert f"{title}\n" in text
+    assert "(measured/suslov.md)" in text
+    settings = (page.parent / "measured" / "suslov.md").read_text(encoding="utf-8")
+    assert settings.count("| ReferenceFlow |") >= 5
     assert "figures/measured_speed_suslov.png" in text
     assert (page.parent / "figures" / "measured_speed_suslov.png").stat().st_size > 10_000
     assert "absent: nobody" in text
