@@ -455,7 +455,7 @@ def test_ctrl_c_gives_the_part_computed_so_far(options, tmp_path):
         assert process.stdout.readline() == "ready\n"
         time.sleep(0.7)
         process.send_signal(signal.SIGINT)
-        output, errors = process.communicate(timeout=10)
+        output, errors = process.communicate(timeout=60)
     finally:
         process.kill()
         process.wait()
