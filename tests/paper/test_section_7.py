@@ -689,6 +689,7 @@ def test_the_chart_breaks_down_near_two_pi_and_the_global_ball_does_not(distance
         gni.integrate(run.system, passing(distance)[1], step=0.01, n_steps=300)
 
 
+@pytest.mark.filterwarnings("ignore::groupoid_gni.RescuedStepsWarning")
 @pytest.mark.parametrize("distance", [pytest.param(0.03, marks=SLOW), 1e-3])
 @pytest.mark.parametrize(
     "method",
