@@ -6,7 +6,7 @@ and block copies, so that its own code does not grow with the system.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from itertools import groupby
 
 from groupoid_gni.codegen import newton_rule as rule
@@ -122,19 +122,38 @@ class FramedKernel(StepKernel):
 
     def _loop(self, count: int, body: Callable[[str], None]) -> None:
         """``for index in 0 ... count - 1 { body }``; the body opens no block."""
-        if not count:
-            return
+
+        def once(index: str, values: list[str]) -> list[str]:
+            body(index)
+            return values
+
+        if count:
+            self._fold(count, "", [], once)
+
+    def _fold(
+        self,
+        count: int,
+        kind: str,
+        starts: Sequence[str],
+        body: Callable[[str, list[str]], Sequence[str]],
+    ) -> list[str]:
+        """Values of one kind after ``values = body(index, values)`` for all indices; count > 0."""
         e, self._loops = self.e, self._loops + 1
-        name, before = f"loop{self._loops}", e.block
+        k, name, before = self._loops, f"loop{self._loops}", e.block
         e.line(f"br label %{name}")
         e.label(name)
-        index, following = f"%i{self._loops}", f"%n{self._loops}"
-        e.line(f"{index} = phi i64 [ 0, %{before} ], [ {following}, %{name} ]")
-        body(index)
+        self._place_phis(name)
+        index, following = f"%i{k}", f"%n{k}"
+        values = [f"%p{k}_{i}" for i in range(len(starts))]
+        after = body(index, values)
         e.line(f"{following} = add i64 {index}, 1")
+        self._phi(name, index, "i64", ("0", before), (following, name))
+        for value, start, last in zip(values, starts, after, strict=True):
+            self._phi(name, value, kind, (start, before), (last, name))
         more = e.assign(f"icmp slt i64 {following}, {count}")
         e.line(f"br i1 {more}, label %{name}, label %{name}end")
         e.label(f"{name}end")
+        return list(after)
 
     def _calls(self, calls: Iterable[str]) -> None:
         for call in calls:
@@ -146,17 +165,9 @@ class FramedKernel(StepKernel):
     # The skeleton.
 
     def _entry(self) -> None:
-        e = self.e
         self._copy(self._place("parameters"), "%parameters", self.sizes["parameters"])
         self._compute(list(range(7)), [CONSTANT, PARAMETER])
-        if e.lanes > 1:
-            self.start_alive = self._alive_from_status()
-        if self.program.stages > 1:
-            self.first_stage = e.assign(f"srem i64 %first, {self.program.stages}")
-        done_before = e.assign("srem i64 %first, %every")
-        self.first_due = e.assign(f"sub i64 %every, {done_before}")
-        self.entry_end = e.block
-        e.line("br label %head")
+        self._start_counters()
 
     def _head(self) -> None:
         e = self.e
@@ -294,23 +305,19 @@ class FramedKernel(StepKernel):
         return found
 
     def _verdict_of(self, code: int, decisive: bool, base: str, count: int) -> Verdict:
-        e, before = self.e, self.e.block
-        self._loops += 1
-        k, kind, one = self._loops, e.flag_type, e.constant(1.0)
-        e.line(f"br label %guards{k}")
-        e.label(f"guards{k}")
-        e.line(f"%i{k} = phi i64 [ 0, %{before} ], [ %n{k}, %guards{k} ]")
-        for name, word in (("fine", "true"), ("crossed", "false")):
-            start = self._flag(word)
-            e.line(f"%{name}{k} = phi {kind} [ {start}, %{before} ], [ %{name}{k}n, %guards{k} ]")
-        value = self._get(base, f"%i{k}")
-        e.line(f"%fine{k}n = and {kind} %fine{k}, {e.compare('olt', value, one)}")
-        e.line(f"%crossed{k}n = or {kind} %crossed{k}, {e.compare('oge', value, one)}")
-        e.line(f"%n{k} = add i64 %i{k}, 1")
-        more = e.assign(f"icmp slt i64 %n{k}, {count}")
-        e.line(f"br i1 {more}, label %guards{k}, label %guards{k}end")
-        e.label(f"guards{k}end")
-        return Verdict(code, f"%fine{k}n", f"%crossed{k}n" if decisive else None)
+        e, one = self.e, self.e.constant(1.0)
+
+        def look(index: str, flags: list[str]) -> list[str]:
+            value = self._get(base, index)
+            below, above = e.compare("olt", value, one), e.compare("oge", value, one)
+            return [
+                e.assign(f"and {e.flag_type} {flags[0]}, {below}"),
+                e.assign(f"or {e.flag_type} {flags[1]}, {above}"),
+            ]
+
+        starts = [self._flag("true"), self._flag("false")]
+        fine, crossed = self._fold(count, e.flag_type, starts, look)
+        return Verdict(code, fine, crossed if decisive else None)
 
     def _summed(self, start: str, base: str, count: int) -> str:
         """start plus all entries of a stretch, in four sums that do not wait for one another."""
@@ -321,24 +328,15 @@ class FramedKernel(StepKernel):
         if not quarter:
             return total
         stretches = [self._at(base, part * quarter) for part in range(4)]
-        self._loops += 1
-        name, before = f"sum{self._loops}", e.block
-        e.line(f"br label %{name}")
-        e.label(name)
-        index, following = f"%i{self._loops}", f"%n{self._loops}"
-        e.line(f"{index} = phi i64 [ 0, %{before} ], [ {following}, %{name} ]")
-        sums = [f"%p{self._loops}_{part}" for part in range(4)]
-        for old in sums:
-            zero = e.constant(0.0)
-            e.line(f"{old} = phi {e.type} [ {zero}, %{before} ], [ {old}n, %{name} ]")
-        for old, stretch in zip(sums, stretches, strict=True):
-            e.line(f"{old}n = fadd {e.type} {old}, {self._get(stretch, index)}")
-        e.line(f"{following} = add i64 {index}, 1")
-        more = e.assign(f"icmp slt i64 {following}, {quarter}")
-        e.line(f"br i1 {more}, label %{name}, label %{name}end")
-        e.label(f"{name}end")
-        for old in sums:
-            total = e.binary("fadd", total, f"{old}n")
+
+        def add(index: str, sums: list[str]) -> list[str]:
+            return [
+                e.binary("fadd", old, self._get(stretch, index))
+                for old, stretch in zip(sums, stretches, strict=True)
+            ]
+
+        for part in self._fold(quarter, e.type, [e.constant(0.0)] * 4, add):
+            total = e.binary("fadd", total, part)
         return total
 
     def _accept(self) -> None:

@@ -221,6 +221,11 @@ class StepKernel:
         self.values.emit(everything, [CONSTANT, PARAMETER])
         self.start_state = [_load(e, "%state", i) for i in range(self.state_size)]
         self.start_memory = [_load(e, "%memory", i) for i in range(self.memory_size)]
+        self._start_counters()
+
+    def _start_counters(self) -> None:
+        """Where in a step and before a saved node the first stage is; then on to the loop."""
+        e = self.e
         if e.lanes > 1:
             self.start_alive = self._alive_from_status()
         if self.program.stages > 1:

@@ -13,12 +13,15 @@ import casadi as ca
 from groupoid_gni.discretization.broyden import Broyden
 from groupoid_gni.discretization.elimination import coupled_groups
 from groupoid_gni.discretization.flight import FlightRule
-from groupoid_gni.discretization.nonholonomic_step import accumulated, accumulated_parts
-from groupoid_gni.discretization.projected_step import stored_velocities
+from groupoid_gni.discretization.nonholonomic_step import accumulated
+from groupoid_gni.discretization.projected_step import (
+    node_layout,
+    reach_guards,
+    stored_velocities,
+)
 from groupoid_gni.discretization.step_inputs import StepInputs
-from groupoid_gni.discretization.step_program import Guard, StateLayout, StepProgram
+from groupoid_gni.discretization.step_program import StepProgram
 from groupoid_gni.discretization.system_expressions import SystemExpressions
-from groupoid_gni.outcomes import Outcome
 
 
 def impulse_program(
@@ -30,9 +33,7 @@ def impulse_program(
 ) -> StepProgram:
     """A composition of such stages; see ``projected_program`` for the arguments."""
     e, inputs = expressions, StepInputs(expressions, composed=len(fractions) > 1)
-    parts = {"base": e.base_size, "after": e.rank, **accumulated_parts(e, reconstruct)}
-    layout = StateLayout.of(parts, aliases={"before": "after"})
-    state = ca.SX.sym("state", layout.size)
+    layout, state = node_layout(e, reconstruct, {})
     x0, p0 = state[layout.slices["base"]], state[layout.slices["after"]]
     half, theta, m = inputs.h / 2, inputs.theta, e.constraint_count
     # an impulse is an odd function of the stage size
@@ -49,8 +50,7 @@ def impulse_program(
     follow = ca.mtimes(second.response(middle.mu.T), search.change)
     flights = [first, second]
     guards = [
-        *[Guard(e.reach(x, 2 * eta), Outcome.LEFT_DOMAIN)
-          for flight in flights for x, eta in flight.extent],
+        *reach_guards(e, flights),
         *inputs.conditioning(start, middle),
         *inputs.conditioning(middle, end),
     ]

@@ -45,7 +45,7 @@ def projected_program(
     whatever the iteration leaves.
     """
     e, inputs = expressions, StepInputs(expressions, composed=len(fractions) > 1)
-    layout, state = _node_layout(e, reconstruct, {})
+    layout, state = node_layout(e, reconstruct, {})
     x0, p0 = state[layout.slices["base"]], state[layout.slices["after"]]
     step = _ProjectedStep(e, inputs, x0, p0, outward, homeward)
     flights = [step.outward, step.homeward]
@@ -91,7 +91,7 @@ def bare_program(
     step needs, this and putting the base point back on its manifold, is done once a step.
     """
     e, inputs = expressions, StepInputs(expressions, composed=len(fractions) > 1)
-    layout, state = _node_layout(e, reconstruct, {"parasitic": 5} if e.constraint_count else {})
+    layout, state = node_layout(e, reconstruct, {"parasitic": 5} if e.constraint_count else {})
     x0, p0 = state[layout.slices["base"]], state[layout.slices["after"]]
     stage = _BareStep(e, inputs, x0, p0, outward, homeward)
     flights = [stage.outward, stage.homeward]
@@ -151,9 +151,10 @@ def _finished(
     return ca.vertcat(*parts.values())
 
 
-def _node_layout(
+def node_layout(
     e: SystemExpressions, reconstruct: bool, more: dict[str, int]
 ) -> tuple[StateLayout, ca.SX]:
+    """The state of a step from node to node: x, p, ``more`` (name -> size), accumulated arrows."""
     parts = {"base": e.base_size, "after": e.rank, **more, **accumulated_parts(e, reconstruct)}
     layout = StateLayout.of(parts, aliases={"before": "after"})
     return layout, ca.SX.sym("state", layout.size)
@@ -164,6 +165,15 @@ def stored_velocities(flights: list[Flight], fractions: tuple[float, ...]) -> ca
     if len(fractions) > 1:
         return ca.SX(0, 1)
     return ca.vertcat(*[flight.velocities for flight in flights])
+
+
+def reach_guards(e: SystemExpressions, flights: list[Flight]) -> list[Guard]:
+    """Every arrow of a flight within the domain of the retraction."""
+    return [
+        Guard(e.reach(x, 2 * eta), Outcome.LEFT_DOMAIN)
+        for flight in flights
+        for x, eta in flight.extent
+    ]
 
 
 class _BareStep:
@@ -184,11 +194,7 @@ class _BareStep:
         reflected = self.middle.reflect(self.outward.momentum)
         self.homeward = homeward.from_momentum(self.outward.target, reflected, half, theta, "xi_b")
         self.energy = self.outward.energy + self.homeward.energy
-        self.guards = [
-            Guard(e.reach(x, 2 * eta), Outcome.LEFT_DOMAIN)
-            for flight in (self.outward, self.homeward)
-            for x, eta in flight.extent
-        ]
+        self.guards = reach_guards(e, [self.outward, self.homeward])
 
 
 class _ProjectedStep(_BareStep):

@@ -26,13 +26,16 @@ from groupoid_gni.codegen import (
     step_kernel_ir,
     widest_lanes,
 )
+from groupoid_gni.codegen.runners import Progress
 from groupoid_gni.errors import InputError, ParasiticModeWarning
 from groupoid_gni.integrators.ensemble_inputs import Member, checked_members
 from groupoid_gni.integrators.interruption import interruptible
 from groupoid_gni.integrators.marching import (
     compiled_step,
+    is_off_base,
     parasitic_complaint,
     progress_bar,
+    row_without_arrow,
     run_steps,
 )
 from groupoid_gni.integrators.methods import Method, ReferenceFlow, SteppingMethod
@@ -49,8 +52,6 @@ from groupoid_gni.integrators.requests import (
 from groupoid_gni.outcomes import Outcome
 from groupoid_gni.systems import MechanicalSystem, State
 from groupoid_gni.trajectory import Trajectory
-
-_BASE_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,24 +321,22 @@ class _EnsembleRequest:
     def _collected(self, batch: _Batch, result: LaneResult) -> dict[int, Trajectory]:
         runs = {}
         for lane, number in enumerate(batch.numbers):
-            good = result.codes[lane] == Outcome.SUCCESS and self._on_base(batch, result, lane)
+            program, state = batch.runner.program, result.state[:, lane]
+            good = result.codes[lane] == Outcome.SUCCESS
+            good = good and not is_off_base(self.system, program, state)
             runs[number] = self._from_lane(batch, result, lane) if good else self._alone(number)
         return runs
-
-    def _on_base(self, batch: _Batch, result: LaneResult, lane: int) -> bool:
-        base = result.state[batch.runner.program.layout.slices["base"], lane]
-        return bool(np.all(self.system.space.base_defect(base) <= _BASE_TOLERANCE))
 
     def _from_lane(self, batch: _Batch, result: LaneResult, lane: int) -> Trajectory:
         """The trajectory that ``integrate`` would have returned."""
         member = self._by_number[batch.numbers[lane]]
         program, job = batch.runner.program, batch.job
-        first = _bare_row(program.row_size, job.state[:, lane], job.memory[-1, lane])  # type: ignore[union-attr]
-        rows = [first[None], result.rows[:, :, lane]]
+        first = Progress(job.state[:, lane], job.memory[:, lane])  # type: ignore[union-attr]
+        rows = [row_without_arrow(program, first), result.rows[:, :, lane]]
         steps = np.arange(0, self.count + 1, self.every)
         if self.count % self.every:
-            last = _bare_row(program.row_size, result.state[:, lane], result.memory[-1, lane])
-            rows.append(last[None])
+            last = Progress(result.state[:, lane], result.memory[:, lane])
+            rows.append(row_without_arrow(program, last))
             steps = np.append(steps, self.count)
         return Trajectory(
             system=member.system(self.system),
@@ -386,11 +385,3 @@ def _warn_of_parasitic_modes(runs: Mapping[int, Trajectory]) -> None:
     first = min(complaints)
     text = f"{len(complaints)} of {len(runs)} members, first member {first}: {complaints[first]}"
     warnings.warn(ParasiticModeWarning(text, runs[first]), stacklevel=4)
-
-
-def _bare_row(size: int, state: FloatArray, newton: float) -> FloatArray:
-    """A row as the loop writes it, the arrow that led there left NaN."""
-    row = np.full(size, np.nan)
-    row[: len(state)] = state
-    row[-1] = newton
-    return row

@@ -283,8 +283,13 @@ def _cut_where_rows_are_lost(request: _Request, chunks: Chunks) -> bool:
 
 
 def _is_off_base(request: _Request, progress: Progress) -> bool:
-    x, _ = request.runner.program.layout.node(progress.state)
-    return bool(np.any(request.system.space.base_defect(x) > _BASE_TOLERANCE))
+    return is_off_base(request.system, request.runner.program, progress.state)
+
+
+def is_off_base(system: MechanicalSystem, program: StepProgram, state: FloatArray) -> bool:
+    """Whether the base point of a state has left its manifold."""
+    x, _ = program.layout.node(state)
+    return not bool(np.all(system.space.base_defect(x) <= _BASE_TOLERANCE))
 
 
 def _detail(request: _Request, progress: Progress) -> str:
@@ -307,9 +312,9 @@ def _collect(
     end = _last_whole_step(request, chunks)
     done, every = end.stage // request.stages, request.every // request.stages
     steps = np.arange(0, done + 1, every)
-    rows = np.concatenate([_row_without_arrow(program, chunks[0][0]), *saved])
+    rows = np.concatenate([row_without_arrow(program, chunks[0][0]), *saved])
     if done % every:
-        rows = np.concatenate([rows, _row_without_arrow(program, end)])
+        rows = np.concatenate([rows, row_without_arrow(program, end)])
         steps = np.append(steps, done)
     flights = program.arrow_velocities.numel() // request.system.space.rank
     return Trajectory(
@@ -348,7 +353,7 @@ def _last_whole_step(request: _Request, chunks: Chunks) -> Progress:
     return replace(begin, stage=end.stage // request.every * request.every)
 
 
-def _row_without_arrow(program: StepProgram, progress: Progress) -> FloatArray:
+def row_without_arrow(program: StepProgram, progress: Progress) -> FloatArray:
     """A row as the loop writes it, the arrow that led there left NaN."""
     row = np.full((1, program.row_size), np.nan)
     row[0, : program.layout.size] = progress.state

@@ -9,6 +9,7 @@ compiling, and the time of a step; then the exponent of time per step against N,
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import sys
 import time
@@ -24,9 +25,6 @@ if __name__ == "__main__":  # also from a checkout that is not installed
     sys.path.insert(0, str(ROOT))
 
 import groupoid_gni as gni  # noqa: E402
-from groupoid_gni.codegen import MachineCode, machine_has_fused_products, step_kernel_ir  # noqa: E402
-from groupoid_gni.codegen.runners import CompiledStep  # noqa: E402
-from groupoid_gni.integrators import marching  # noqa: E402
 
 SIZES = (1, 2, 5, 10, 20, 50, 100, 200)
 METHODS = (gni.Rattle(), gni.GNI(), gni.GNI(4, flow=gni.Splitting(), projection=None))
@@ -48,25 +46,14 @@ class ChainCost:
 
 def chain_cost(skates: int, method: Any, steps: int = 200, repeats: int = 5) -> ChainCost:
     """Build and run one chain; nothing is taken from the cache of object files."""
-    clock = [time.perf_counter()]
+    began = time.perf_counter()
     scene = gni.scenes.chain_of_skates(skates)
-    clock.append(time.perf_counter())
-    rows = scene.start.active_rows
-    program = marching.step_program(scene.system, method, rows)
-    clock.append(time.perf_counter())
-    ir = step_kernel_ir(program, 1, machine_has_fused_products())
-    clock.append(time.perf_counter())
-    code = MachineCode(ir)
-    clock.append(time.perf_counter())
-    scene.system._compiled[(method, rows, False, True)] = CompiledStep(program, code)
-    options = {"step": 0.02, "n_steps": steps, "method": method, "save_every": steps}
-    seconds = [
-        gni.integrate(scene.system, scene.start, **options).seconds for _ in range(repeats + 1)
-    ]
-    record, derive, emit, compiled = np.diff(clock)
+    recorded = time.perf_counter() - began
+    found = gni.reports.cost(scene, method, n_steps=steps, repeats=repeats)
+    build = found.build
     return ChainCost(
-        skates, str(method), record, derive, emit, compiled, ir.count("\n"),
-        1e9 * min(seconds[1:]) / steps,
+        skates, str(method), recorded, build.derive, build.emit, build.compile, found.ir_lines,
+        found.nanoseconds or math.nan,
     )
 
 
