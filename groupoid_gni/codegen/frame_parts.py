@@ -11,8 +11,11 @@ import heapq
 from collections.abc import Iterable, Iterator
 
 import casadi as ca
+import numpy as np
 
+from groupoid_gni.codegen.alike import Alike, Integers
 from groupoid_gni.codegen.emitter import Emitter, Values
+from groupoid_gni.codegen.sweeps import Loop, Straight, schedule
 from groupoid_gni.codegen.tape import Operation, Tape
 
 # parts of 60 to 200 operations compile and run equally fast, longer ones compile more slowly
@@ -51,6 +54,9 @@ class FramedTape:
     inputs, outputs : number of an input or output -> first slot of its region. A value lies where
         an output wants it, if one does.
     homes : number of an input -> where each of its entries is at home, in (0, 1].
+
+    What is alike from body to body is computed in loops (``sweeps``); the values of a class lie at
+    equal distances.
     """
 
     def __init__(
@@ -64,26 +70,43 @@ class FramedTape:
         self.tape, self.frame = tape, frame
         self._inputs, self._outputs = inputs, outputs
         self._slots: dict[int, int] = {}
+        self._lines: dict[int, tuple[int, int]] = {}
         self._wanted = {
             i: outputs[number] + k
             for number, entries in reversed(list(enumerate(tape.outputs)))
             for k, i in enumerate(entries)
         }
-        self._done: set[int] = set()
-        self._last_use = _last_uses(tape)
+        self._done = np.zeros(len(tape.operations), dtype=bool)
+        self._part_of: Integers = np.full(len(tape.operations), -1, dtype=np.int64)
+        self._parts = 0
+        self._users = _users(tape)
         self._neighbourhood = _neighbourhoods(tape, homes)
+        self._alike = Alike.of(tape)
 
     def compute(self, indices: Iterable[int], levels: Iterable[int]) -> Iterator[str]:
         """Calls that compute those of the operations on the levels that are not there yet."""
         wanted = set(levels)
         todo = [
             i for i in indices
-            if self.tape.levels[i] in wanted and i not in self._done
+            if self.tape.levels[i] in wanted and not self._done[i]
             and self.tape.operations[i].code not in (ca.OP_CONST, ca.OP_INPUT)
         ]
-        todo = self._neighbours_first(todo)
-        for begin in range(0, len(todo), _LENGTH):
-            yield self._part(todo[begin : begin + _LENGTH])
+        if not todo:
+            return
+        parts = [
+            piece for part in schedule(self._alike, todo)
+            for piece in ([part] if isinstance(part, Loop) else self._pieces(part))
+        ]
+        for part in parts:
+            self._number(part)
+        self._reserve(todo)
+        self._done[todo] = True
+        for part in parts:
+            yield self._loop(part) if isinstance(part, Loop) else self._straight(part.operations)
+
+    def _pieces(self, part: Straight) -> list[Straight]:
+        order = self._neighbours_first(part.operations)
+        return [Straight(order[k : k + _LENGTH]) for k in range(0, len(order), _LENGTH)]
 
     def _neighbours_first(self, todo: list[int]) -> list[int]:
         """The same operations in an order that keeps those of one place together."""
@@ -97,24 +120,101 @@ class FramedTape:
         while ready:
             _, i = heapq.heappop(ready)
             order.append(i)
-            for user in set(self._last_use[i]):
+            for user in set(self._users[i]):
                 if user in inside:
                     waiting[user] -= 1
                     if not waiting[user]:
                         heapq.heappush(ready, (self._neighbourhood[user], user))
         return order
 
-    def _part(self, chunk: list[int]) -> str:
+    # Where values lie.
+
+    def _number(self, part: Straight | Loop) -> None:
+        """Give every part, and every round of a loop, a number of its own."""
+        if isinstance(part, Straight):
+            self._part_of[part.operations] = self._parts
+            self._parts += 1
+            return
+        for i in part.operations:
+            members = self._alike.members[self._alike.class_of[i]][part.begin : part.end]
+            self._part_of[members] = self._parts + np.arange(len(members))
+        self._parts += part.end - part.begin
+
+    def _reserve(self, todo: list[int]) -> None:
+        """Slots for those of the operations that another part or an output uses."""
+        graph, inside = self._alike.graph, np.zeros(len(self._done), dtype=bool)
+        inside[todo] = True
+        leaves = inside[graph.source]
+        leaves &= self._part_of[graph.source] != self._part_of[graph.user]
+        handed = np.zeros(len(inside), dtype=bool)
+        handed[graph.source[leaves]] = True
+        handed[[i for i in self._wanted if inside[i]]] = True
+        for i in np.flatnonzero(handed).tolist():
+            number = int(self._alike.class_of[i])
+            if number < 0:
+                wanted = self._wanted.get(i)
+                self._slots[i] = self.frame.reserve(1) if wanted is None else wanted
+                continue
+            if number not in self._lines:
+                self._lines[number] = self._line(self._alike.members[number])
+            first, distance = self._lines[number]
+            self._slots[i] = first + distance * int(self._alike.place[i])
+
+    def _line(self, members: Integers) -> tuple[int, int]:
+        """Slot of place 0 and distance of the slots of a class: where an output wants them all."""
+        places = np.flatnonzero(members >= 0)
+        slots = np.array([self._wanted.get(i, -1) for i in members[places].tolist()])
+        distance = int((slots[1] - slots[0]) // (places[1] - places[0]))
+        if (slots >= 0).all() and (slots - slots[0] == distance * (places - places[0])).all():
+            return int(slots[0] - distance * places[0]), distance
+        return self.frame.reserve(len(members)), 1
+
+    def slot(self, index: int) -> int:
+        """Where the value of an operation lies."""
+        operation = self.tape.operations[index]
+        if operation.code == ca.OP_INPUT:
+            return self._inputs[operation.arguments[0]] + operation.arguments[1]
+        return self._slots[index]
+
+    def distance(self, index: int, bundle: int) -> int:
+        """How far the slots of an operation's class are apart, from one place to the next."""
+        number = int(self._alike.class_of[index])
+        if number < 0 or self._alike.bundle_of[index] != bundle:
+            return 0
+        if number in self._lines:
+            return self._lines[number][1]
+        places = np.flatnonzero(self._alike.members[number] >= 0)
+        first, second = (self.slot(int(i)) for i in self._alike.members[number][places[:2]])
+        return int((second - first) // (places[1] - places[0]))
+
+    # Emitting.
+
+    def _straight(self, chunk: list[int]) -> str:
         e = Emitter(self.frame.lanes, self.frame.fused)
         values = _FramedValues(self, e)
         values.emit(chunk, range(6))
-        inside = set(chunk)
         for i in chunk:
-            if any(user not in inside for user in self._last_use[i]):
-                wanted = self._wanted.get(i)
-                self._slots[i] = self.frame.reserve(1) if wanted is None else wanted
+            if i in self._slots:
                 _store(e, values.name(i), self._slots[i])
-        self._done |= inside
+        return self.frame.define(e.lines, e.declarations)
+
+    def _loop(self, loop: Loop) -> str:
+        e = Emitter(self.frame.lanes, self.frame.fused)
+        first, last = loop.begin, loop.end - 1
+        if not loop.upwards:
+            first, last = last, first
+        e.line("br label %loop")
+        e.label("loop")
+        e.line(f"%place = phi i64 [ {first - loop.begin}, %entry ], [ %following, %loop ]")
+        e.line(f"%following = add i64 %place, {1 if loop.upwards else -1}")
+        values = _FramedValues(self, e, loop)
+        for i in loop.operations:
+            values.emit([i], range(6))
+            if i in self._slots:
+                _store(e, values.name(i), self._slots[i], values.base(i))
+        e.line(f"%done = icmp eq i64 %place, {last - loop.begin}")
+        e.line("br i1 %done, label %end, label %loop")
+        e.label("end")
         return self.frame.define(e.lines, e.declarations)
 
     def output(self, number: int) -> Iterator[str]:
@@ -131,38 +231,43 @@ class FramedTape:
                 _store(e, values.name(i), slot)
             yield self.frame.define(e.lines, e.declarations)
 
-    def slot(self, index: int) -> int:
-        """Where the value of an operation lies."""
-        operation = self.tape.operations[index]
-        if operation.code == ca.OP_INPUT:
-            return self._inputs[operation.arguments[0]] + operation.arguments[1]
-        return self._slots[index]
-
 
 class _FramedValues(Values):
-    """Values of one part: those of other parts are loaded from the frame when first named."""
+    """Values of one part: those of other parts are loaded from the frame when first named.
 
-    def __init__(self, tape: FramedTape, emitter: Emitter) -> None:
+    In a loop operations stand for those of their class; the frame begins at ``base`` for them.
+    """
+
+    def __init__(self, tape: FramedTape, emitter: Emitter, loop: Loop | None = None) -> None:
         super().__init__(tape.tape, emitter)
-        self._framed = tape
+        self._framed, self._in_loop = tape, loop
+        self._bases: dict[int, str] = {0: "%frame"}
 
     def name(self, index: int) -> str:
         """Name (or literal) of an operation's value."""
         known = index in self._names or index in self._flags
         if not known and self.tape.operations[index].code != ca.OP_CONST:
-            self._names[index] = _load(self.emitter, self._framed.slot(index))
+            self._names[index] = _load(self.emitter, self._framed.slot(index), self.base(index))
         return super().name(index)
 
+    def base(self, index: int) -> str:
+        """Where the frame begins for an operation in the current round of the loop."""
+        if self._in_loop is None:
+            return "%frame"
+        distance = self._framed.distance(index, self._in_loop.bundle)
+        if distance not in self._bases:
+            e = self.emitter
+            moved = e.assign(f"mul i64 %place, {distance}")
+            self._bases[distance] = e.assign(f"getelementptr {e.type}, ptr %frame, i64 {moved}")
+        return self._bases[distance]
 
-def _last_uses(tape: Tape) -> list[list[int]]:
-    """The operations that use each one; an output counts as a use outside every part."""
+
+def _users(tape: Tape) -> list[list[int]]:
+    """The operations that use each one."""
     users: list[list[int]] = [[] for _ in tape.operations]
     for i, operation in enumerate(tape.operations):
         for argument in _arguments(operation):
             users[argument].append(i)
-    for entries in tape.outputs:
-        for i in entries:
-            users[i].append(-1)
     return users
 
 
@@ -182,11 +287,11 @@ def _arguments(operation: Operation) -> tuple[int, ...]:
     return () if operation.code in (ca.OP_INPUT, ca.OP_CONST) else operation.arguments
 
 
-def _load(e: Emitter, slot: int) -> str:
-    address = e.assign(f"getelementptr {e.type}, ptr %frame, i64 {slot}")
+def _load(e: Emitter, slot: int, base: str) -> str:
+    address = e.assign(f"getelementptr {e.type}, ptr {base}, i64 {slot}")
     return e.assign(f"load {e.type}, ptr {address}, align 8")
 
 
-def _store(e: Emitter, value: str, slot: int) -> None:
-    address = e.assign(f"getelementptr {e.type}, ptr %frame, i64 {slot}")
+def _store(e: Emitter, value: str, slot: int, base: str = "%frame") -> None:
+    address = e.assign(f"getelementptr {e.type}, ptr {base}, i64 {slot}")
     e.line(f"store {e.type} {value}, ptr {address}, align 8")

@@ -40,6 +40,37 @@ def falling() -> tuple[Any, Any]:
     return system, system.state([1.1, -0.7], [0.5, 0.2])
 
 
+def chain(skates: int) -> tuple[Any, Any]:
+    scene = gni.scenes.chain_of_skates(skates, mass=1.1, tether=0.3)
+    return scene.system, scene.start
+
+
+def ring_and_row() -> tuple[Any, Any]:
+    """Particles on a ring and particles in a row, each with a constraint of its own."""
+    n, m = 7, 6
+
+    def potential(x: Any, p: Any) -> Any:
+        ring, row = x[:n], x[2 * n : 2 * n + m]
+        closed = ring - np.concatenate([ring[1:], ring[:1]])
+        return p.k * (closed**2).sum() / 2 + ((row[1:] - row[:-1]) ** 4).sum() / 4 + x @ x / 9
+
+    def constraints(x: Any, p: Any) -> Any:
+        rows = [[0.0] * (2 * (n + m)) for _ in range(n + m)]
+        for k in range(n):
+            rows[k][k], rows[k][n + k] = np.cos(x[k]), np.sin(x[k])
+        for k in range(m):
+            rows[n + k][2 * n + k], rows[n + k][2 * n + m + k] = 1.0, 0.3 * x[2 * n + k]
+        return np.array(rows)
+
+    system = gni.MechanicalSystem(
+        gni.PairGroupoid(2 * (n + m)), metric=np.diag(np.tile([1.3, 0.8], n + m)),
+        constraints=constraints, potential=potential, parameters={"k": 0.7},
+    )
+    rng = np.random.default_rng(5)
+    base, velocity = rng.uniform(-0.5, 0.5, (2, 2 * (n + m)))
+    return system, system.state(base, velocity, project_start=True)
+
+
 CASES = {
     "skates, explicit": (skates, gni.Rattle()),
     "skates, projected": (skates, gni.GNI()),
@@ -48,6 +79,16 @@ CASES = {
     "SE(3), sines": (lambda: animal("SE3 left exp", 2), gni.McLachlanPerlmutter()),
     "no constraint": (lambda: animal("pair 3", 0), gni.GNI()),
     "falling": (falling, gni.GNI()),
+    "chain, explicit": (lambda: chain(11), gni.Rattle()),
+    "chain, projected": (lambda: chain(9), gni.GNI()),
+    "chain, exact energy": (lambda: chain(9), gni.GNI(flow=gni.EnergyPreserving())),
+    "chain, bare composition": (
+        lambda: chain(10), gni.GNI(4, flow=gni.Splitting(), projection=None)
+    ),
+    "chain, composed": (lambda: chain(8), gni.GNI(4)),
+    "chain, Lagrange-d'Alembert": (lambda: chain(8), gni.DiscreteLagrangeDAlembert()),
+    "ring and row, projected": (ring_and_row, gni.GNI()),
+    "ring and row, explicit": (ring_and_row, gni.McLachlanPerlmutter()),
 }
 
 
@@ -118,11 +159,30 @@ def test_large_programs_are_cut_and_small_ones_are_not():
     program = compiled_step(large.system, gni.GNI(), rows).program
     assert len(Tape.of(step_function(program)).operations) > FRAMED_PROGRAM
     text = step_kernel_ir(program, 1, FUSED)
-    assert text.count("define internal void @part") > 30
+    assert text.count("define internal void @part") > 10
+    assert text.count("%place = phi") > 5
     run = gni.integrate(large.system, large.start, step=0.02, n_steps=20)
     assert np.max(np.abs(run.constraint_residuals(relative=True))) < 1e-15
     slow = gni.integrate(large.system, large.start, step=0.02, n_steps=3, compile=False)
     np.testing.assert_allclose(run.momenta[:4], slow.momenta, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("case", [name for name in CASES if "chain," in name or "ring" in name])
+def test_bodies_that_are_alike_are_computed_in_loops(case):
+    make, method = CASES[case]
+    system, start = make()
+    program = compiled_step(system, method, start.active_rows).program
+    tape = step_tape(program)
+    text = FramedKernel(program, tape, 1, FUSED).text()
+    assert text.count("%place = phi") >= 3
+
+
+def test_the_code_of_a_long_chain_does_not_grow_with_it():
+    lines = []
+    for skates in (40, 80):
+        scene = gni.scenes.chain_of_skates(skates)
+        lines.append(scene.system.compiled(gni.Rattle()).source.count("\n"))
+    assert lines[1] < 1.4 * lines[0]
 
 
 def test_control_inputs_and_poses_go_through_memory_too():
