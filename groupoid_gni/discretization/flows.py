@@ -64,7 +64,8 @@ class Splitting(Flow):
 
     def flights(self, expressions: SystemExpressions) -> tuple[FlightRule, FlightRule]:
         """Kinetic terms and then the kick; the kick and then the kinetic terms backwards."""
-        return SplittingStep(expressions, homeward=False), SplittingStep(expressions, homeward=True)
+        outward = SplittingStep(expressions)
+        return outward, outward.homeward()
 
     def __str__(self) -> str:
         return "Splitting()"

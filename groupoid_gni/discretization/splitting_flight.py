@@ -14,6 +14,7 @@ adjoint.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 
 import casadi as ca
@@ -39,15 +40,15 @@ class SplittingFlight(Flight):
 
 
 class SplittingStep(FlightRule):
-    """The product of the flows of all terms, kinetic ones first, or last (``homeward``).
+    """The product of the flows of all terms, kinetic ones first.
 
     Raises InputError where the metric depends on the base point, the Lagrangian has a gyroscopic
     term, the force depends on the velocity, or the retraction leaves a one-parameter subgroup.
     """
 
-    def __init__(self, expressions: SystemExpressions, homeward: bool) -> None:
+    def __init__(self, expressions: SystemExpressions) -> None:
         self._expressions = expressions
-        self._homeward = homeward
+        self._homeward = False
         _check_system(expressions)
         theta = ca.SX.sym("theta", expressions.parameter_size)
         metric = expressions.metric(ca.SX.sym("x", expressions.base_size), theta)
@@ -56,6 +57,12 @@ class SplittingStep(FlightRule):
         self._terms = ca.Function("terms", [theta], [columns, 1 / ca.vertcat(*pivots)])
         self._columns = [columns[:, k] for k in range(expressions.rank)]
         _check_retraction(expressions.space, self._columns)
+
+    def homeward(self) -> SplittingStep:
+        """The same flows in the opposite order, the adjoint."""
+        other = copy(self)
+        other._homeward = not self._homeward
+        return other
 
     def from_momentum(
         self, x0: ca.SX, p0: ca.SX, h: ca.SX, theta: ca.SX, name: str

@@ -80,10 +80,15 @@ def _sparse(array: Array) -> ca.SX:
     """Give the SX of a 1-d or 2-d array; entries that are exactly zero are left out."""
     rows, columns, values = [], [], []
     # Column by column, the order in which CasADi stores the entries.
-    for index, entry in enumerate(array.T.ravel().tolist()):
-        if type(entry) is float and entry == 0.0:  # most entries of a large matrix
-            continue
-        value = _expression(entry)
+    flat = array.T.ravel()
+    entries = flat.tolist()
+    # most entries of a large matrix are zero
+    if flat.dtype == float:
+        places = np.flatnonzero(flat).tolist()
+    else:
+        places = [k for k, entry in enumerate(entries) if entry.__class__ is not float or entry]
+    for index in places:
+        value = _expression(entries[index])
         if not value.is_zero():
             rows.append(index % array.shape[0])
             columns.append(index // array.shape[0])

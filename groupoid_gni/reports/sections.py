@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from groupoid_gni import scenes
-from groupoid_gni.codegen.machine import LARGE_PROGRAM
 from groupoid_gni.diagnostics import energy_drift
-from groupoid_gni.discretization import EnergyPreserving
+from groupoid_gni.discretization import EnergyPreserving, Rattle, Splitting
 from groupoid_gni.errors import GNIWarning
 from groupoid_gni.integrators import (
     GNI,
@@ -323,10 +322,25 @@ def ensembles(request: Request) -> str:
     )  # fmt: skip
 
 
+CHAINED = {
+    "GNI 2": GNI(),
+    "Rattle": Rattle(),
+    "GNI 4, splitting, bare": GNI(order=4, flow=Splitting(), projection=None),
+}
+
+
 def _exponent(sizes: Sequence[int], models: Sequence[CostModel], least: int) -> float:
     logs = np.log([[n, m.nanoseconds or np.nan] for n, m in zip(sizes, models, strict=True)
                    if n >= least])  # fmt: skip
     return float(np.polyfit(logs[:, 0], logs[:, 1], 1)[0])
+
+
+def _chain_costs(request: Request, sizes: Sequence[int], method: Method) -> list[CostModel]:
+    return [
+        cost(scenes.chain_of_skates(n), method, step=0.02, n_steps=50 if request.quick else 500,
+             repeats=3 if request.quick else 7)
+        for n in sizes
+    ]  # fmt: skip
 
 
 def chains(request: Request) -> str:
@@ -334,15 +348,17 @@ def chains(request: Request) -> str:
     from groupoid_gni.plotting import plot_scaling
 
     sizes = (2, 5, 10, 20, 40, 80) if request.quick else (1, 2, 5, 10, 20, 50, 100, 200)
-    models = []
-    for n in sizes:
-        models.append(cost(
-            scenes.chain_of_skates(n), GNI(), step=0.02, n_steps=50 if request.quick else 500,
-            repeats=3 if request.quick else 7,
-        ))  # fmt: skip
-        request.say(f"chain of {n}")
-    exponents = {least: _exponent(sizes, models, least) for least in (5, 20)}
-    exponent = exponents[20]
+    found = {}
+    for name, method in CHAINED.items():
+        found[name] = _chain_costs(request, sizes, method)
+        request.say(f"chains, {name}")
+    growth = [
+        [name, *(f"{_exponent(sizes, models, least):.2f}" for least in (1, 5, 20)),
+         *(f"{(m.nanoseconds or np.nan) / n:.0f}" for n, m in
+           ((sizes[1], models[1]), (sizes[-1], models[-1]))), f"{models[-1].build.total:.2f}"]
+        for name, models in found.items()
+    ]  # fmt: skip
+    models = found["GNI 2"]
     rows = [
         [str(n), f"{m.nanoseconds:.0f}", f"{(m.nanoseconds or 0.0) / n:.0f}", f"{m.iterations:.2f}",
          str(m.ir_lines), f"{m.build.derive:.2f}", f"{m.build.emit:.2f}", f"{m.build.compile:.2f}",
@@ -353,16 +369,17 @@ def chains(request: Request) -> str:
         sizes,
         {"ns per step": [m.nanoseconds or np.nan for m in models],
          "seconds to derive, emit and compile": [m.build.total for m in models]},
-        "skates N", exponent,
+        "skates N", _exponent(sizes, models, 1),
     )  # fmt: skip
     heading = ["N", "ns per step", "per skate", "iterations", "IR lines", "derive s", "emit s",
                "LLVM s", "build s"]  # fmt: skip
     return "\n\n".join([
-        f"A chain of N skates joined by springs, GNI(), h = 0.02. Time per step grows like "
-        f"N^{exponents[20]:.2f} for N >= 20 and N^{exponents[5]:.2f} for N >= 5 (least squares). "
-        f"Kernels of more than {LARGE_PROGRAM} lines are compiled without optimisation: sooner, "
-        "and slower to run.",
-        request.keep(figure, "chain", "cost of a chain"),
+        "A chain of N skates joined by springs, h = 0.02. Exponents of time per step against N, "
+        "least squares from the given N on; nanoseconds per skate and step at both ends; seconds "
+        "to derive, emit and compile the longest chain.",
+        markdown_table(["", *(f"N >= {least}" for least in (1, 5, 20)), f"ns at N = {sizes[1]}",
+                        f"at {sizes[-1]}", "build s"], growth),
+        "GNI 2 in detail:",
         markdown_table(heading, rows),
+        request.keep(figure, "chain", "cost of a chain"),
     ])  # fmt: skip
-

@@ -69,7 +69,7 @@ def test_the_terms_add_up_to_the_kinetic_energy() -> None:
     body = gni.MechanicalSystem(
         gni.SO3(), metric=lambda x, p: p.size * INERTIA, parameters={"size": 1.4}
     )
-    rule = SplittingStep(SystemExpressions(body, ()), homeward=False)
+    rule = SplittingStep(SystemExpressions(body, ()))
     columns, inverse = (np.array(v) for v in rule._terms(1.4))
     terms = columns @ np.diag(inverse.ravel()) @ columns.T
     np.testing.assert_allclose(terms, np.linalg.inv(1.4 * INERTIA), rtol=0, atol=1e-14)

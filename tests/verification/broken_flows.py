@@ -17,7 +17,6 @@ from groupoid_gni.codegen.runners import StepRunner
 from groupoid_gni.discretization import (
     SystemExpressions,
     energy_preserving_flight,
-    flows,
     splitting_flight,
 )
 from groupoid_gni.discretization.broyden import Broyden
@@ -90,8 +89,8 @@ def _frame_taken_for_still(e: SystemExpressions) -> bool:
     return True
 
 
-def _same_order(e: SystemExpressions, homeward: bool) -> Any:
-    return splitting_flight.SplittingStep(e, False)
+def _same_order(step: splitting_flight.SplittingStep) -> splitting_flight.SplittingStep:
+    return step
 
 
 def _anything_goes(space: Any, columns: Any) -> None:
@@ -178,7 +177,7 @@ _FLIGHTS = [
     _broken("nothing lent is closed", on("pair 3", gni.GNI(2, _ENERGY), curved=True),
             _KEPT + _BACK, (Broyden, "close", _taken_for_closed)),
     _broken("both halves of a splitting in the same order", on("SO3 left cay", gni.GNI(2, _SPLIT)),
-            _BACK + _ORDER, (flows, "SplittingStep", _same_order)),
+            _BACK + _ORDER, (splitting_flight.SplittingStep, "homeward", _same_order)),
     # self-adjoint, of order 2, Casimirs kept: and not canonical
     _broken("Cayley on the screws of SE(3)", on("SE3 left cay", gni.GNI(2, _SPLIT)),
             "free_step_is_a_poisson_map", (splitting_flight, "_check_retraction", _anything_goes)),
