@@ -398,6 +398,8 @@ class Trajectory:
             f"  energy       {energy[0]:.12g} at the start, {energy[-1]:.12g} at the end, largest "
             f"relative change {np.max(np.abs(energy - energy[0])) / scale:.2e}",
         ]
+        if self.system.has("drift"):
+            lines.append(f"  moving       {self._moving_energy_in_words()}")
         if self.system.constraint_count:
             worst = float(np.max(np.abs(self.constraint_residuals(relative=True))))
             lines.append(f"  constraints  largest relative residual {worst:.2e}")
@@ -429,6 +431,20 @@ class Trajectory:
                 f"  time         {self.seconds:.3g} s, {self.seconds / steps * 1e9:.0f} ns per step"
             )
         return "\n".join(lines)
+
+    def _moving_energy_in_words(self) -> str:
+        """The moving energy, where a linear symmetry generator gives one; a drift does work."""
+        from groupoid_gni.diagnostics import find_moving_energy, moving_energy
+
+        try:
+            search = find_moving_energy(self.system, self.base[:: max(1, len(self) // 16)])
+            if search.moving is None:
+                return "no moving energy found with linear sections; the drift does work"
+            found = moving_energy(self, search.moving)
+        except InputError as error:
+            return f"no moving energy: {error}"
+        change = float(np.max(np.abs(found.values - found.values[0])))
+        return f"energy {found.values[0]:.12g} at the start, largest change {change:.2e}"
 
     def plot(self, axes: Any = None) -> Any:
         """Motion, velocities, energy change and constraint residual, as a matplotlib figure.

@@ -36,6 +36,7 @@ SCENES_MAY_USE = {"errors", "array_types", "groupoids", "systems", "scenes"}
 # Convenience methods that look right, inside a function only.
 LAZY = {
     ("trajectory", "plotting"),  # run.plot()
+    ("trajectory", "diagnostics"),  # the moving energy in run.summary()
     ("systems", "integrators"),  # system.compiled(method)
 }
 HEAVY = ["scipy", "matplotlib", "hypothesis", "geomstats", "tqdm"]

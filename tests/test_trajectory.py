@@ -47,6 +47,23 @@ def test_summary_tells_outcome_energy_constraint_and_effort(run):
         assert word in text
 
 
+def test_the_summary_tells_the_moving_energy_where_a_drift_does_work():
+    scene = gni.scenes.rolling_ball()
+    run = gni.integrate(scene.system, scene.start, step=0.05, n_steps=200)
+    (line,) = [line for line in run.summary().split("\n") if line.startswith("  moving")]
+    assert float(line.split()[-1]) < 1e-12
+    system = gni.MechanicalSystem(
+        gni.PairGroupoid(2), metric=np.eye(2), constraints=[[1.0, 0.3]],
+        drift=lambda x, p: np.array([np.sin(x[0]), 0.2]), potential=lambda x, p: x[1] ** 4,
+    )
+    start = system.state([0.3, 0.4], [0.1, 0.2], project_start=True)
+    run = gni.integrate(system, start, step=0.05, n_steps=20)
+    assert "no moving energy found with linear sections" in run.summary()
+    still = gni.scenes.suslov()
+    run = gni.integrate(still.system, still.start, step=0.05, n_steps=5)
+    assert "moving" not in run.summary()
+
+
 def test_multipliers_are_the_physical_force_of_the_exact_motion(run, scene):
     # the ball's contact force is m v', and v turns at the rate Theta I / (I + m r^2)
     p = scene.system.parameters

@@ -322,7 +322,7 @@ def ensembles(request: Request) -> str:
     )  # fmt: skip
 
 
-CHAINED = {
+CHAINED: dict[str, Method] = {
     "GNI 2": GNI(),
     "Rattle": Rattle(),
     "GNI 4, splitting, bare": GNI(order=4, flow=Splitting(), projection=None),
