@@ -34,6 +34,7 @@ from groupoid_gni.errors import (
     RecordingError,
     RescuedStepsWarning,
     StepFailure,
+    SurprisingStepWarning,
     TrajectoryFileError,
 )
 from groupoid_gni.expressions import array, where
@@ -128,6 +129,7 @@ __all__ = [
     "Splitting",
     "State",
     "StepFailure",
+    "SurprisingStepWarning",
     "SymmetricProjection",
     "Trajectory",
     "TrajectoryFileError",

@@ -94,6 +94,20 @@ class RescuedStepsWarning(GNIWarning):
         self.result = result
 
 
+class SurprisingStepWarning(GNIWarning):
+    """A step ended far from where the steps before it pointed: it is not resolved, or has jumped.
+
+    Attributes
+    ----------
+    result : Trajectory
+        The run; ``result.surprise`` says how far, ``result.surprising_step`` where.
+    """
+
+    def __init__(self, message: str, result: Any = None) -> None:
+        super().__init__(message)
+        self.result = result
+
+
 class BrokenLawError(GNIError, AssertionError):
     """An object breaks a law it must obey.
 

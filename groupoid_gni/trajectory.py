@@ -44,6 +44,8 @@ class Trajectory:
     flights : equal arrows that make a step (0 where arrows are not stored).
     outcome, detail : how the run ended; ``success``, ``status``, ``message`` follow SciPy.
     seconds : wall time of the loop.  rescued_steps : stages that needed a second try.
+    surprise : how far, relative to the velocity, a suspect step lay from what the steps before it
+        led to expect; 0 where none is suspect.  surprising_step : its number, from 1.
     controls : (steps, inputs) control inputs, or None.
     evaluations, own_steps : of reference runs: calls of the equations of motion, accepted steps.
     again : the same motion more precisely and in how many steps; reference runs, not stored.
@@ -63,6 +65,8 @@ class Trajectory:
     detail: str = ""
     seconds: float = 0.0
     rescued_steps: int = 0
+    surprise: float = 0.0
+    surprising_step: int = 0
     controls: FloatArray | None = None
     evaluations: int = 0
     own_steps: int = 0
@@ -418,6 +422,12 @@ class Trajectory:
             lines.append(f"  Newton       {self.rows[-1, -1] / steps:.2f} iterations per step")
         if self.rescued_steps:
             lines.append(f"  second tries {self.rescued_steps} stages needed one")
+        if self.surprise:
+            begins = (self.surprising_step - 1) * self.step_size
+            lines.append(
+                f"  surprise     the step from t = {begins:g} is off its extrapolation by "
+                f"{self.surprise:.0%}: compare with half the step"
+            )
         if steps and steps == len(self) - 1 and not self.own_steps:
             changes = self.velocity_changes()
             worst = int(np.argmax(changes))
@@ -475,6 +485,8 @@ class Trajectory:
             "detail": self.detail,
             "seconds": self.seconds,
             "rescued_steps": self.rescued_steps,
+            "surprise": self.surprise,
+            "surprising_step": self.surprising_step,
             "parameters": list(self.system.parameters),
         }
         arrays: dict[str, Any] = {f"parameter_{k}": v for k, v in self.system.parameters.items()}
@@ -547,6 +559,9 @@ class Trajectory:
             detail=header["detail"],
             seconds=header["seconds"],
             rescued_steps=header["rescued_steps"],
+            # files of earlier versions have no such record
+            surprise=header.get("surprise", 0.0),
+            surprising_step=header.get("surprising_step", 0),
             controls=controls,
         )
 

@@ -16,6 +16,7 @@ import casadi as ca
 from groupoid_gni.codegen.tape import (
     MULTIPLY_ADD,
     MULTIPLY_SUBTRACT,
+    SELECT,
     SUBTRACT_PRODUCT,
     Operation,
     Tape,
@@ -69,6 +70,9 @@ class Emitter:
     longest_block : lines after which a basic block is cut; 0 never cuts. Very large straight-line
         blocks make the code generator superlinear.
     block : name of the block being written; phi nodes need the name a branch really leaves from.
+    pool : places of constants in the memory at ``%pool``, filled by whoever opens the function;
+        None where constants are literals. A literal takes a register or two instructions, and small
+        loops are short of registers.
     """
 
     def __init__(self, lanes: int = 1, fused: bool = True, longest_block: int = 0) -> None:
@@ -83,6 +87,7 @@ class Emitter:
         self.lines: list[str] = []
         self.declarations: set[str] = set()
         self._count = 0
+        self.pool: dict[float, int] | None = None
 
     def constant(self, value: float) -> str:
         """The literal of a constant in every lane."""
@@ -90,6 +95,14 @@ class Emitter:
         if self.lanes == 1:
             return text
         return "<" + ", ".join(f"double {text}" for _ in range(self.lanes)) + ">"
+
+    def pooled(self, value: float) -> str:
+        """A constant from the pool, if there is one, which the processor reads in passing."""
+        if self.pool is None:
+            return self.constant(value)
+        place = self.pool.setdefault(value, len(self.pool))
+        address = self.assign(f"getelementptr {self.type}, ptr %pool, i64 {place}")
+        return self.assign(f"load {self.type}, ptr {address}, align 8")
 
     def splat(self, name: str) -> str:
         """A scalar double in every lane."""
@@ -213,7 +226,7 @@ class Values:
         """Name (or literal) of an operation's value."""
         operation = self.tape.operations[index]
         if operation.code == ca.OP_CONST:
-            return self.emitter.constant(operation.value)
+            return self.emitter.pooled(operation.value)
         if index not in self._names and index in self._flags:
             one, zero = self.emitter.constant(1.0), self.emitter.constant(0.0)
             self._names[index] = self.emitter.select(self._flags[index], one, zero)
@@ -240,6 +253,9 @@ class Values:
         elif code == ca.OP_IF_ELSE_ZERO:
             flag, value = self._flag(operation.arguments[0]), self.name(operation.arguments[1])
             self._names[i] = self.emitter.select(flag, value, self.emitter.constant(0.0))
+        elif code == SELECT:
+            which, *both = operation.arguments
+            self._names[i] = self.emitter.select(self._flag(which), *(self.name(k) for k in both))
         elif code in (ca.OP_SIN, ca.OP_COS):
             angle = operation.arguments[0]
             if angle not in self._angles:

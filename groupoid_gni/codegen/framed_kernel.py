@@ -83,7 +83,8 @@ class FramedKernel(StepKernel):
         body = [line for entry in e.lines for line in self.phis.get(entry, [entry])]
         e.declarations |= self.frame.declarations
         functions = [line for text in self.frame.functions for line in text.split("\n")]
-        return module_text(e, [*self._tables(), *functions, head, "entry:", room, *body, "}"])
+        rooms = [room, self._errors(), *self._filled_pool()]
+        return module_text(e, [*self._tables(), *functions, head, "entry:", *rooms, *body, "}"])
 
     def _homes(self) -> dict[int, list[float]]:
         """Relative places of the entries of state and unknowns, each part from 0 to 1."""
@@ -196,8 +197,9 @@ class FramedKernel(StepKernel):
         self._compute([UPDATE, CARRIED, MEASURE], ITERATED)
         for output in (UPDATE, CARRIED, MEASURE):
             self._calls(self.framed.output(output))
-        measure = (self._get("%frame", self.region["measure"] + k) for k in range(3))
+        measure = [self._get("%frame", self.region["measure"] + k) for k in range(3)]
         error, counted, busy = self.measured(*measure)
+        self._put(error, "%errors", "%j")
         unknowns, update, new = (self._place(k) for k in ("unknowns", "update", "new"))
         self._loop(n, lambda i: self._put(
             e.binary("fsub", self._get(unknowns, i), self._get(update, i)), new, i
@@ -216,6 +218,7 @@ class FramedKernel(StepKernel):
         e.label("settled")
         self.converged: str | None = self._not(busy)
         self.total = counted
+        self.settled_energy = measure[1]
 
     def _extrapolate_in_memory(self) -> None:
         e, n = self.e, self.unknown_size
@@ -354,6 +357,7 @@ class FramedKernel(StepKernel):
             self._copy("%memory", self._place("new"), n)
             kept = self._at("%memory", self.history * n)
             self._copy(kept, self._place("next carried"), self.sizes["carried"])
+            self._note()
             self._put(self.total, "%memory", self.memory_size - 1)
 
     def _finish_in_memory(self) -> None:

@@ -1,8 +1,9 @@
 """Two ways to run a step program: machine code, and CasADi's evaluator as a second opinion.
 
-Both keep the same ``Progress`` (state; unknowns of the last stages, carried values and Newton
-count; absolute stage number), so a run may be cut into chunks anywhere without changing a bit. A
-step is one stage or, in a composition, several; everything here counts stages.
+Both keep the same ``Progress`` (state; unknowns of the last stages, carried values, record of the
+warm start and Newton count; absolute stage number), so a run may be cut into chunks anywhere
+without changing a bit. A step is one stage or, in a composition, several; everything here counts
+stages.
 """
 
 from __future__ import annotations
@@ -19,9 +20,15 @@ import numpy as np
 
 from groupoid_gni.array_types import FloatArray
 from groupoid_gni.codegen import newton_rule as rule
+from groupoid_gni.codegen import surprise
 from groupoid_gni.codegen.machine import MachineCode, machine_has_fused_products
-from groupoid_gni.codegen.step_kernel import finish_function, step_function, step_kernel_ir
-from groupoid_gni.codegen.warm_start import extrapolation_weights
+from groupoid_gni.codegen.step_kernel import (
+    MEASURE,
+    finish_function,
+    step_function,
+    step_kernel_ir,
+)
+from groupoid_gni.codegen.warm_start import extrapolation_weights, watched_stage
 from groupoid_gni.discretization.step_program import StepProgram
 from groupoid_gni.outcomes import Outcome
 
@@ -30,8 +37,8 @@ from groupoid_gni.outcomes import Outcome
 class Progress:
     """Where a run stands: everything needed to go on, bit for bit. Never changed in place.
 
-    state : (n,).  memory : unknowns of the last stages, carried values, Newton count.
-    stage : number of stages done.  seconds : wall time of the loop that did them.
+    state : (n,).  memory : unknowns of the last stages, carried values, record of ``surprise``,
+    Newton count.  stage : number of stages done.  seconds : wall time of the loop that did them.
     """
 
     state: FloatArray
@@ -93,7 +100,8 @@ class StepRunner(ABC):
 
     def begin(self, parameters: FloatArray, state: FloatArray) -> Progress:
         """Progress at step 0, warm start included."""
-        return self.with_unknowns(parameters, Progress(np.array(state), np.zeros(1)), None)
+        nothing = Progress(np.array(state), np.zeros(self.program.memory_size))
+        return self.with_unknowns(parameters, nothing, None)
 
     def first_memories(self, parameters: FloatArray, states: FloatArray) -> FloatArray:
         """Memories of many members at step 0: (parameters, N), (state, N) -> (memory, N)."""
@@ -102,7 +110,10 @@ class StepRunner(ABC):
         count = states.shape[1]
         recent = np.tile(np.broadcast_to(guess, (len(guess), count)), (self.program.history, 1))
         carried = np.broadcast_to(carried, (len(carried), count))
-        return np.concatenate([recent, carried, np.zeros((1, count))])
+        rest = np.zeros((self.program.record_size + 1, count))
+        if self.program.record_size:
+            rest[surprise.USUAL], rest[surprise.PRIMED] = surprise.FIRST, surprise.LEARNING
+        return np.concatenate([recent, carried, rest])
 
     def with_unknowns(
         self, parameters: FloatArray, progress: Progress, unknowns: FloatArray | None
@@ -112,8 +123,23 @@ class StepRunner(ABC):
             np.array(v).ravel() for v in self._first_memory(parameters, progress.state)
         )
         recent = np.tile(guess if unknowns is None else unknowns, self.program.history)
-        memory = np.concatenate([recent, carried, progress.memory[-1:]])
+        record = self.record(progress.memory).copy()
+        if len(record):
+            record[surprise.USUAL] = max(record[surprise.USUAL], surprise.FIRST)
+            record[surprise.PRIMED] = progress.stage + surprise.LEARNING
+        memory = np.concatenate([recent, carried, record, progress.memory[-1:]])
         return replace(progress, memory=memory)
+
+    def surprise(self, memory: FloatArray) -> tuple[float, int]:
+        """The largest e that stood out and the number of its stage; (0, 0) where none did."""
+        record = self.record(memory)
+        if not len(record):
+            return 0.0, 0
+        return float(np.sqrt(record[surprise.LARGEST])), int(record[surprise.WHERE])
+
+    def record(self, memory: FloatArray) -> FloatArray:
+        """The record of ``surprise`` in a memory; empty without unknowns."""
+        return memory[len(memory) - 1 - self.program.record_size : -1]
 
     def solve_carefully(
         self, parameters: FloatArray, progress: Progress, controls: FloatArray | None = None
@@ -244,16 +270,21 @@ class InterpretedStep(StepRunner):
         weights = extrapolation_weights(self.program.fractions)
         guess = np.asarray(weights[progress.stage % self.program.stages]) @ recent
         state = np.concatenate([progress.state, self.given(progress.stage, controls)])
-        last, u, carried, iterations = self._iterate(
-            parameters, state, guess, memory[history * n : -1]
-        )
+        record = self.record(memory)
+        kept = memory[history * n : len(memory) - 1 - len(record)]
+        last, u, carried, (iterations, surprised) = self._iterate(parameters, state, guess, kept)
         _, _, _, following, arrows, guards, finite = last
         parts = self.program.layout.positions("base", "after", "reconstructed")
         numbers = [*following[parts], *finite]
         verdict = self._verdict(guards, iterations > 0 or n == 0, numbers)
         if verdict is not Outcome.SUCCESS:
             return verdict, progress, arrows
-        memory = np.concatenate([u, recent[:-1].ravel(), carried, memory[-1:] + iterations])
+        if n:
+            fractions, stage = self.program.fractions, progress.stage
+            watched = stage % len(fractions) == watched_stage(fractions)
+            energy = float(last[MEASURE][1])
+            record = np.array(surprise.noted([*record], surprised, energy, stage, watched))
+        memory = np.concatenate([u, recent[:-1].ravel(), carried, record, memory[-1:] + iterations])
         if self.program.finish is not None and (progress.stage + 1) % self.program.stages == 0:
             given = state[len(progress.state) :]
             end = self._finish(parameters, np.concatenate([following, given]))
@@ -275,21 +306,25 @@ class InterpretedStep(StepRunner):
 
     def _iterate(
         self, parameters: FloatArray, state: FloatArray, u: FloatArray, carried: FloatArray
-    ) -> tuple[list[FloatArray], FloatArray, FloatArray, int]:
-        """Outputs of the last iteration, unknowns, carried values, iterations (0: failed)."""
-        last = rule.BEFORE_FIRST
+    ) -> tuple[list[FloatArray], FloatArray, FloatArray, tuple[int, float]]:
+        """Outputs of the last iteration, unknowns, carried values; iterations, first e^2.
+
+        No iterations: failed.
+        """
+        last, surprised = rule.BEFORE_FIRST, 0.0
         for iteration in range(rule.MAX_ITERATIONS):
             later = float(iteration > 0)
             outputs = [
                 np.array(v).ravel() for v in self._step(parameters, state, u, carried, later)
             ]
             if u.size == 0:
-                return outputs, u, carried, 0
+                return outputs, u, carried, (0, surprised)
             with np.errstate(all="ignore"):
                 scale = outputs[2][1] + rule.TINY
                 now, left = (float(outputs[2][k] / scale) for k in (0, 2))
+            surprised = now if iteration == 0 else surprised
             u, carried = u - outputs[0], outputs[1]
             if rule.finished(now, last, left, self.program.quadratic, iteration):
-                return outputs, u, carried, iteration + 1
+                return outputs, u, carried, (iteration + 1, surprised)
             last = now
-        return outputs, u, carried, 0
+        return outputs, u, carried, (0, surprised)

@@ -16,11 +16,12 @@ from dataclasses import dataclass
 import casadi as ca
 
 from groupoid_gni.codegen import newton_rule as rule
+from groupoid_gni.codegen import surprise
 from groupoid_gni.codegen.elementary import sine_cosine_function
 from groupoid_gni.codegen.emitter import Emitter, Values, double_text
 from groupoid_gni.codegen.machine import LARGE_PROGRAM
 from groupoid_gni.codegen.tape import Operation, Tape
-from groupoid_gni.codegen.warm_start import extrapolation_weights
+from groupoid_gni.codegen.warm_start import extrapolation_weights, watched_stage
 from groupoid_gni.discretization.step_program import StepProgram
 from groupoid_gni.outcomes import Outcome
 
@@ -146,8 +147,9 @@ class StepKernel:
     """Builds ``i64 @advance(parameters, state, memory, rows, status, first, count, every)``.
 
     ``first``, ``count`` and ``every`` count stages.
-    parameters, state : W values per entry.  memory : the unknowns of the last stages, the
-    carried values, the running count of Newton iterations.  rows : room for the saved nodes.
+    parameters, state : W values per entry.  memory : the unknowns of the last stages, the carried
+    values, the record of ``surprise``, the running count of Newton iterations.  rows : room for
+    the saved nodes.
     status : one i64 per lane, the outcome code, then one per lane, the stage at which it failed.
     A program with control inputs takes one argument more, the inputs of all steps from the very
     first, W values per entry.
@@ -159,12 +161,16 @@ class StepKernel:
         self.program = program
         self.tape = tape
         self.e = Emitter(lanes, fused, _block_length(self.tape))
+        self.e.pool = {}
         self.state_size = program.layout.size
         self.unknown_size = program.unknowns.numel()
         self.memory_size = program.memory_size
         self.history = program.history
+        # the record stays in memory: it is read and written once a stage
+        self.noted = range(self.memory_size - 1 - program.record_size, self.memory_size - 1)
         self.values = Values(self.tape, self.e)
         self.phis: dict[str, list[str]] = {}
+        self.settled_energy = ""
 
     def text(self) -> str:
         """The whole module."""
@@ -174,7 +180,28 @@ class StepKernel:
         self._advance(*(self._newton() if self.unknown_size else self._no_newton()))
         self._leave()
         body = [line for entry in e.lines for line in self.phis.get(entry, [entry])]
-        return module_text(e, [*self._tables(), self._signature(), "entry:", *body, "}"])
+        head = [*self._tables(), self._signature(), "entry:", self._errors()]
+        return module_text(e, [*head, *self._filled_pool(), *body, "}"])
+
+    def _filled_pool(self) -> list[str]:
+        """The constants that operations read, stored once."""
+        e, pool = self.e, self.e.pool or {}
+        lines = [f"  %pool = alloca [{max(1, len(pool))} x {e.type}], align 64"]
+        for value, place in pool.items():
+            lines += [
+                f"  %pool{place} = getelementptr {e.type}, ptr %pool, i64 {place}",
+                f"  store {e.type} {e.constant(value)}, ptr %pool{place}, align 8",
+            ]
+        return lines
+
+    def _errors(self) -> str:
+        """Room for e^2 of every iteration of a stage."""
+        return f"  %errors = alloca [{rule.MAX_ITERATIONS} x {self.e.type}]"
+
+    @property
+    def _in_registers(self) -> list[int]:
+        """Places of the memory that are not in the record."""
+        return [i for i in range(self.memory_size) if i not in self.noted]
 
     def _signature(self) -> str:
         controls = ", ptr %controls" if self.program.control_size else ""
@@ -220,7 +247,7 @@ class StepKernel:
         everything = self.tape.needed(range(7))
         self.values.emit(everything, [CONSTANT, PARAMETER])
         self.start_state = [_load(e, "%state", i) for i in range(self.state_size)]
-        self.start_memory = [_load(e, "%memory", i) for i in range(self.memory_size)]
+        self.start_memory = [_load(e, "%memory", i) for i in self._in_registers]
         self._start_counters()
 
     def _start_counters(self) -> None:
@@ -246,7 +273,7 @@ class StepKernel:
         e.label("head")
         self._place_phis("head")
         self.state = [f"%s{i}" for i in range(self.state_size)]
-        self.memory = [f"%m{i}" for i in range(self.memory_size)]
+        self.memory = [f"%m{i}" for i in self._in_registers]
         e.line("%more = icmp slt i64 %k, %count")
         e.line("br i1 %more, label %step, label %leave")
         e.label("step")
@@ -290,6 +317,7 @@ class StepKernel:
         inner.bind_input(4, ["%later"])
         inner.emit(needed, ITERATED)
         new, error, total, busy = self._iterate(inner, names)
+        _store(e, error, "%errors", "%j")
         one, zero = e.constant(1.0), e.constant(0.0)
         carried_on = [
             *zip(names, starts, self._unless_finished(busy, new, names), strict=True),
@@ -306,6 +334,7 @@ class StepKernel:
             self._phi("newton", "%busy", e.flag_type, ("%alive", step_end), (busy, newton_end))
         e.label("settled")
         converged = self._not(busy)
+        self.settled_energy = inner.output(MEASURE)[1]
         return inner, [*new[:n], *self.memory[: kept - n], *new[n:], total], converged
 
     def _unless_finished(self, busy: str, new: list[str], old: list[str]) -> list[str]:
@@ -355,11 +384,11 @@ class StepKernel:
     def measured(self, work: str, energy: str, left: str) -> tuple[str, str, str]:
         """e^2, the running count of iterations, and a flag per lane: it is still busy."""
         e = self.e
-        scale = e.binary("fadd", energy, e.constant(rule.TINY))
+        scale = e.binary("fadd", energy, e.pooled(rule.TINY))
         error = e.binary("fdiv", work, scale)
         settled = None
         if not self.program.left.is_zero():
-            settled = e.compare("ole", left, e.binary("fmul", scale, e.constant(rule.LEFT)))
+            settled = e.compare("ole", left, e.binary("fmul", scale, e.pooled(rule.LEFT)))
         busy = self._not(self._finished(error, settled))
         one = e.constant(1.0)
         if e.lanes == 1:
@@ -368,13 +397,48 @@ class StepKernel:
         total = e.binary("fadd", "%total", e.select("%busy", one, e.constant(0.0)))
         return error, total, e.assign(f"and {e.flag_type} %busy, {busy}")
 
+    def _note(self) -> None:
+        """Bring the record of the warm start up to date (see ``surprise``); opens a block."""
+        e, fractions = self.e, self.program.fractions
+        record = [_load(e, "%memory", i) for i in self.noted]
+        q, energy = _load(e, "%errors", 0), self.settled_energy
+        usual = record[surprise.USUAL]
+        flags, following = surprise.stands_out(e, usual, q), surprise.next_usual(e, usual, q)
+        peak = surprise.larger(e, energy, record[surprise.PEAK])
+        if e.lanes > 1:
+            flags = e.assign(f"and {e.flag_type} {flags}, %alive1")
+            following = e.select("%alive1", following, usual)
+            peak = e.select("%alive1", peak, record[surprise.PEAK])
+        anyone = self._any(flags)
+        if len(fractions) > 1:
+            watched = e.assign(f"icmp eq i64 %stage, {watched_stage(fractions)}")
+            following = e.assign(f"select i1 {watched}, {e.type} {following}, {e.type} {usual}")
+            anyone = e.assign(f"and i1 {anyone}, {watched}")
+        record[surprise.PEAK] = peak
+        for entry, name in ((surprise.PEAK, peak), (surprise.USUAL, following)):
+            _store(e, name, "%memory", str(self.noted[entry]))
+        e.line(f"br i1 {anyone}, label %surprise, label %noted")
+        e.label("surprise")
+        done = e.assign("add i64 %first, %k")
+        stage = e.splat(e.assign(f"sitofp i64 {done} to double"))
+        entries = surprise.next_largest(e, record, q, energy, stage, flags)
+        for entry, name in zip((surprise.LARGEST, surprise.WHERE), entries, strict=True):
+            _store(e, name, "%memory", str(self.noted[entry]))
+        e.line("br label %noted")
+        e.label("noted")
+
+    def _any(self, flags: str) -> str:
+        """Whether a flag is set in any lane."""
+        e = self.e
+        if e.lanes == 1:
+            return flags
+        bits = e.assign(f"bitcast {e.flag_type} {flags} to i{e.lanes}")
+        return e.assign(f"icmp ne i{e.lanes} {bits}, 0")
+
     def _branch_after_iteration(self, busy: str, again_at: str = "newton") -> None:
         """Go round again while any lane is unfinished and iterations are left."""
         e = self.e
-        keep_going = busy
-        if e.lanes > 1:
-            bits = e.assign(f"bitcast {e.flag_type} {busy} to i{e.lanes}")
-            keep_going = e.assign(f"icmp ne i{e.lanes} {bits}, 0")
+        keep_going = self._any(busy)
         e.line("%j1 = add i64 %j, 1")
         left = e.assign(f"icmp slt i64 %j1, {rule.MAX_ITERATIONS}")
         again = e.assign(f"and i1 {keep_going}, {left}")
@@ -383,11 +447,11 @@ class StepKernel:
     def _finished(self, error: str, settled: str | None) -> str:
         """``newton_rule.finished`` as flags; ``settled``: nothing is left in the next state."""
         e = self.e
-        at_floor = e.compare("ole", error, e.constant(rule.AT_ROUND_OFF))
+        at_floor = e.compare("ole", error, e.pooled(rule.AT_ROUND_OFF))
         power, last = e.binary("fmul", error, error), "%t"
         if self.program.quadratic:
             power, last = e.binary("fmul", power, error), e.binary("fmul", "%t", "%t")
-        bound = e.binary("fmul", last, e.constant(rule.PREDICTED))
+        bound = e.binary("fmul", last, e.pooled(rule.PREDICTED))
         predicted = e.compare("ole", power, bound)
         if settled is not None:
             predicted = e.assign(f"and {e.flag_type} {predicted}, {settled}")
@@ -396,9 +460,9 @@ class StepKernel:
         accepted = double_text(rule.NO_GAIN_LEVEL), double_text(0.0)
         no_gain = e.assign("select i1 {}, double {}, double {}".format(late, *accepted))
         for factor, level in (
-            (rule.STAGNATION, e.constant(rule.STAGNATION_LEVEL)), (rule.NO_GAIN, e.splat(no_gain))
+            (rule.STAGNATION, e.pooled(rule.STAGNATION_LEVEL)), (rule.NO_GAIN, e.splat(no_gain))
         ):
-            slow = e.compare("oge", error, e.binary("fmul", "%t", e.constant(factor)))
+            slow = e.compare("oge", error, e.binary("fmul", "%t", e.pooled(factor)))
             low = e.compare("ole", error, level)
             stagnated = e.assign(f"and {e.flag_type} {slow}, {low}")
             either = e.assign(f"or {e.flag_type} {either}, {stagnated}")
@@ -420,6 +484,8 @@ class StepKernel:
             memory = [e.select("%alive1", a, b) for a, b in zip(memory, self.memory, strict=True)]
             e.line("br label %next")
         e.label("next")
+        if self.unknown_size:
+            self._note()
         if self.program.finish is not None:
             new = self._finished_step(new, self.program.finish)
         self._save([*new, *values.output(ARROWS), memory[-1]])
@@ -429,7 +495,7 @@ class StepKernel:
     def _finished_step(self, new: list[str], finish: ca.SX) -> list[str]:
         """The state after ``finish`` where the stage is the last of its step; opens a block."""
         e = self.e
-        last = e.assign(f"icmp eq i64 %stage, {self.program.stages - 1}")
+        last, begin = e.assign(f"icmp eq i64 %stage, {self.program.stages - 1}"), e.block
         e.line(f"br i1 {last}, label %finish, label %kept")
         e.label("finish")
         tape = Tape.of(finish_function(self.program, finish)).optimised()
@@ -444,7 +510,7 @@ class StepKernel:
         e.line("br label %kept")
         e.label("kept")
         return [
-            e.assign(f"phi {e.type} [ {a}, %next ], [ {b}, %{finish_end} ]")
+            e.assign(f"phi {e.type} [ {a}, %{begin} ], [ {b}, %{finish_end} ]")
             for a, b in zip(new, end, strict=True)
         ]
 
@@ -575,6 +641,6 @@ class StepKernel:
         e.label("leave")
         for i, name in enumerate(self.state):
             _store(e, name, "%state", str(i))
-        for i, name in enumerate(self.memory):
+        for i, name in zip(self._in_registers, self.memory, strict=True):
             _store(e, name, "%memory", str(i))
         e.line("ret i64 %k")

@@ -16,6 +16,8 @@ MULTIPLY_SUBTRACT = -2
 """a b - c in one rounding."""
 SUBTRACT_PRODUCT = -3
 """c - a b in one rounding."""
+SELECT = -4
+"""``flag ? a : b``."""
 
 
 class Operation(NamedTuple):
@@ -90,8 +92,38 @@ class Tape:
         return [i for i, mark in enumerate(marked) if mark]
 
     def optimised(self) -> Tape:
-        """Fewer divisions, then fused products: what the emitter is given."""
-        return self._with_reciprocals()._fused()
+        """Choices in one operation, fewer divisions, fused products: what the emitter is given."""
+        return self._selected()._with_reciprocals()._fused()
+
+    def _selected(self) -> Tape:
+        """``if_else`` is recorded as ``(c ? a : 0) + (!c ? b : 0)``; here it is one operation."""
+        operations, uses = list(self.operations), self._uses()
+        for i, operation in enumerate(operations):
+            if operation.code != ca.OP_ADD:
+                continue
+            first, second = (operations[k] for k in operation.arguments)
+            if first.code != ca.OP_IF_ELSE_ZERO or second.code != ca.OP_IF_ELSE_ZERO:
+                continue
+            if any(uses[k] != 1 for k in operation.arguments):
+                continue
+            for yes, no in ((first, second), (second, first)):
+                opposite = operations[no.arguments[0]]
+                if opposite.code == ca.OP_NOT and opposite.arguments[0] == yes.arguments[0]:
+                    operations[i] = Operation(SELECT, (*yes.arguments, no.arguments[1]))
+                    break
+        return Tape(tuple(operations), self.levels, self.outputs)
+
+    def _uses(self) -> list[int]:
+        """How often an operation is used, by others and by outputs."""
+        uses = [0] * len(self.operations)
+        for operation in self.operations:
+            if operation.code != _INPUT:
+                for a in operation.arguments:
+                    uses[a] += 1
+        for output in self.outputs:
+            for i in output:
+                uses[i] += 1
+        return uses
 
     def _with_reciprocals(self) -> Tape:
         """Divide once and multiply where a denominator serves several quotients or is hoisted.
@@ -143,14 +175,7 @@ class Tape:
         Only products on the level of their sum are taken: a product that is hoisted out of a loop
         must stay there.
         """
-        uses = [0] * len(self.operations)
-        for operation in self.operations:
-            if operation.code != _INPUT:
-                for a in operation.arguments:
-                    uses[a] += 1
-        for output in self.outputs:
-            for i in output:
-                uses[i] += 1
+        uses = self._uses()
         operations = list(self.operations)
         for i, operation in enumerate(self.operations):
             if operation.code not in (ca.OP_ADD, ca.OP_SUB):

@@ -21,6 +21,8 @@ EXTRAPOLATION = tuple((-1.0) ** k * comb(HISTORY, k + 1) for k in range(HISTORY)
 
 _LARGEST_SUM = 20.0
 _DEGREES = (5, 4, 3, 2, 1, 0)
+_TRIAL = 0.3
+"""The step, in units of the time in which a motion changes, for which stages are compared."""
 
 
 @cache
@@ -35,17 +37,51 @@ def extrapolation_weights(fractions: tuple[float, ...]) -> tuple[tuple[float, ..
     return tuple(tuple(_stage_weights(fractions, i)) for i in range(len(fractions)))
 
 
+@cache
+def watched_stage(fractions: tuple[float, ...]) -> int:
+    """The stage of a step whose value is foretold best.
+
+    The errors of the others may be a thousand times as large, and jump from stage to stage.
+    """
+    if len(fractions) == 1:
+        return 0
+    return int(np.argmin([_defect(fractions, stage) for stage in range(len(fractions))]))
+
+
+def _defect(fractions: tuple[float, ...], stage: int) -> float:
+    """What the weights of a stage leave of the monomials ``t^a g^b`` up to one degree beyond.
+
+    Odd powers of g are counted here: a flight is half a stage, and its middle not that of the
+    stage. They are what makes most stages hard to foretell.
+    """
+    times, sizes = _times_and_sizes(fractions, stage)
+    weights = np.array(extrapolation_weights(fractions)[stage])
+    beyond = max(_DEGREES) + 1
+    defects = [
+        _TRIAL ** (a + b)
+        * (times[1:] ** a * sizes[1:] ** b @ weights - times[0] ** a * sizes[0] ** b)
+        for b in range(beyond + 1)
+        for a in range(beyond + 1 - b)
+    ]
+    return float(np.linalg.norm(defects))
+
+
 def _stage_weights(fractions: Sequence[float], stage: int) -> list[float]:
-    count = len(fractions)
-    sizes = np.array([fractions[(stage - age) % count] for age in range(STAGE_HISTORY + 1)])
-    # time runs backwards from the middle of the stage asked for
-    apart = (sizes[:-1] + sizes[1:]) / 2
-    times = -np.concatenate([[0.0], np.cumsum(apart)])
+    times, sizes = _times_and_sizes(fractions, stage)
     for degree in _DEGREES:
         weights = _least_weights(times, sizes, degree)
         if weights is not None and np.sum(np.abs(weights)) <= _LARGEST_SUM:
             return [float(w) for w in weights]
     return [1.0] + [0.0] * (STAGE_HISTORY - 1)
+
+
+def _times_and_sizes(fractions: Sequence[float], stage: int) -> tuple[FloatArray, FloatArray]:
+    """Middles and sizes of a stage and of those before it, the stage itself first."""
+    count = len(fractions)
+    sizes = np.array([fractions[(stage - age) % count] for age in range(STAGE_HISTORY + 1)])
+    # time runs backwards from the middle of the stage asked for
+    apart = (sizes[:-1] + sizes[1:]) / 2
+    return -np.concatenate([[0.0], np.cumsum(apart)]), sizes
 
 
 def _least_weights(times: FloatArray, sizes: FloatArray, degree: int) -> FloatArray | None:

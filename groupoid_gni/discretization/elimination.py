@@ -18,6 +18,11 @@ _binary = ca.SX.binary
 Row = dict[int, Any]
 
 
+def larger(a: ca.SX, b: ca.SX) -> ca.SX:
+    """``a > b ? a : b``, one instruction where ``fmax`` takes three; b where a is not a number."""
+    return ca.if_else(a > b, a, b)
+
+
 def rows_of(matrix: ca.SX) -> list[Row]:
     """The structurally nonzero entries of an SX matrix, one dictionary per row."""
     rows: list[Row] = [{} for _ in range(matrix.size1())]
@@ -214,18 +219,6 @@ def _matrix_of(rows: list[Row], columns: int) -> ca.SX:
     return matrix
 
 
-def determinant(matrix: ca.SX) -> ca.SX:
-    """Determinant of a small square matrix, by cofactors up to three rows."""
-    n = matrix.size1()
-    if n == 1:
-        return matrix[0, 0]
-    if n == 2:
-        return matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0]
-    if n == 3:
-        return ca.dot(matrix[:, 0], ca.cross(matrix[:, 1], matrix[:, 2]))
-    return ca.det(matrix)
-
-
 def solve_lower(lower: ca.SX, right_hand_side: ca.SX) -> ca.SX:
     """Forward substitution ``L^{-1} b`` for a column b."""
     solution: list[Any] = []
@@ -236,6 +229,12 @@ def solve_lower(lower: ca.SX, right_hand_side: ca.SX) -> ca.SX:
                 value = value - row[j] * solution[j]
         solution.append(value / row[i])
     return ca.vertcat(*solution) if solution else ca.SX.zeros(0, 1)
+
+
+def between_factors(left: ca.SX, matrix: ca.SX, right: ca.SX) -> ca.SX:
+    """``L^-1 M R^-T`` for lower triangular L and R."""
+    half = ca.horzcat(*[solve_lower(left, column) for column in ca.horzsplit(matrix)])
+    return ca.horzcat(*[solve_lower(right, row.T) for row in ca.vertsplit(half)]).T
 
 
 def solve_upper(lower: ca.SX, right_hand_side: ca.SX) -> ca.SX:

@@ -99,7 +99,7 @@ class EnergyPreservingStep(FlightRule):
             update=solver.update,
             work=solver.work,
             # near rest the impulse of the forces is what round-off is relative to
-            energy=ca.sum1(ca.fabs(xi * e.momentum(x0, xi, theta)))
+            energy=e.kinetic_scale(xi, e.momentum(x0, xi, theta))
             + ca.dot(impulse, e.raised(x0, impulse, theta)),
             target=x1,
             momentum=p1,

@@ -67,6 +67,15 @@ class FreeFlight(FlightRule):
         self._weights = discrete.force_weights
         self._gradients = _gradients_of_average(expressions, discrete)
 
+    def _averages_kinetic_momenta(self) -> bool:
+        """Whether dl/dxi is the constant G times xi: no Lagrangian at a point that xi moves."""
+        e = self._expressions
+        sizes = (e.base_size, e.base_size, e.rank, 1, e.parameter_size)
+        given = [ca.SX.sym("given", size) for size in sizes]
+        x0, x1, _, h, _ = given
+        slope = self._gradients(*given)[2]
+        return e.metric_is_constant and not ca.depends_on(slope, ca.vertcat(x0, x1, h))
+
     def legendre_minus(self, x0: ca.SX, xi: ca.SX, h: ca.SX, theta: ca.SX) -> ca.SX:
         """``FL-(g)`` in A* at the source."""
         e = self._expressions
@@ -137,7 +146,7 @@ class FreeFlight(FlightRule):
             arrow=arrow,
             target=target,
             momentum=self.legendre_plus(x0, velocity, h, theta),
-            energy=ca.sum1(ca.fabs(velocity * by_velocity)),
+            energy=e.kinetic_scale(velocity, by_velocity, self._averages_kinetic_momenta()),
             pieces=((x0, arrow),),
             extent=((x0, arrow),),
             velocities=velocity,

@@ -13,6 +13,7 @@ from __future__ import annotations
 import casadi as ca
 
 from groupoid_gni.discretization.discrete_lagrangians import DiscreteLagrangian
+from groupoid_gni.discretization.elimination import larger
 from groupoid_gni.discretization.flight import Flight
 from groupoid_gni.discretization.free_flight import FreeFlight
 from groupoid_gni.discretization.step_inputs import StepInputs
@@ -119,11 +120,10 @@ def _parasitic_monitor(
     impulses, record = state[layout.slices["impulses"]], state[layout.slices["parasitic"]]
     last, before_last = impulses[:m], impulses[m:]
     ends = impulse + before_last
-    scale = 1 / (16 * flight.energy + 1e-300)
-    enough = record[3] >= 1.5
-    amplitude = ca.if_else(enough, scale * _squared(node, ends - 2 * last), 0)
-    jump = ca.if_else(enough, 4 * scale * _squared(node, ends + 2 * last), 0)
-    largest, largest_jump = ca.fmax(record[1], amplitude), ca.fmax(record[2], jump)
+    scale = ca.if_else(record[3] >= 1.5, 1 / (16 * flight.energy + 1e-300), 0)
+    amplitude = scale * _squared(node, ends - 2 * last)
+    jump = 4 * scale * _squared(node, ends + 2 * last)
+    largest, largest_jump = larger(amplitude, record[1]), larger(jump, record[2])
     early = ca.if_else(record[3] < EARLY_NODES, largest, record[4])
     return ca.vertcat(impulse, last, amplitude, largest, largest_jump, record[3] + 1, early)
 

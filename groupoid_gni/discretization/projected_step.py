@@ -15,7 +15,12 @@ from __future__ import annotations
 import casadi as ca
 
 from groupoid_gni.discretization.broyden import Broyden
-from groupoid_gni.discretization.elimination import coupled_groups, solve_linear, solve_lower
+from groupoid_gni.discretization.elimination import (
+    between_factors,
+    coupled_groups,
+    larger,
+    solve_linear,
+)
 from groupoid_gni.discretization.flight import Flight, FlightRule
 from groupoid_gni.discretization.nonholonomic_step import (
     EARLY_NODES,
@@ -140,12 +145,12 @@ def _finished(
     if "parasitic" in parts:
         _, largest, impulse, seen, early = ca.vertsplit(parts["parasitic"])
         node, xi = e.node(x, theta), e.velocity(x, p, theta)
-        scale = 1 / (ca.sum1(ca.fabs(xi * ca.mtimes(e.metric(x, theta), xi))) + 1e-300)
+        scale = 1 / (e.kinetic_scale(xi, ca.mtimes(e.metric(x, theta), xi)) + 1e-300)
         amplitude = scale * ca.sumsqr(node.normal_component(p))
         # the impulse of a stage would hold the mode itself
         force = inputs.whole * e.multipliers(x, p, theta)
-        impulse = ca.fmax(impulse, scale * ca.dot(force, ca.mtimes(node.gram, force)))
-        largest = ca.fmax(largest, amplitude)
+        impulse = larger(scale * ca.dot(force, ca.mtimes(node.gram, force)), impulse)
+        largest = larger(amplitude, largest)
         early = ca.if_else(seen < EARLY_NODES, largest, early)
         parts["parasitic"] = ca.vertcat(amplitude, largest, impulse, seen + 1, early)
     return ca.vertcat(*parts.values())
@@ -267,16 +272,10 @@ def _matching_isometry(
     if not same_metric:
         crossed = (crossed + ca.mtimes(end.mu, start.normal)) / 2
     for group in groups:
-        lower = start.lower[group, group], end.lower[group, group]
-        overlap = _overlap(crossed[group, group], *lower)
+        first, last = start.lower[group, group], end.lower[group, group]
+        overlap = between_factors(last, crossed[group, group], first)
         isometry[group, group] = _polar_factor(overlap)
     return ca.sparsify(isometry)
-
-
-def _overlap(crossed: ca.SX, first: ca.SX, last: ca.SX) -> ca.SX:
-    """``L1^-1 (mu1 S mu0^T) L0^-T``."""
-    half = ca.horzcat(*[solve_lower(last, column) for column in ca.horzsplit(crossed)])
-    return ca.horzcat(*[solve_lower(first, row.T) for row in ca.vertsplit(half)]).T
 
 
 def _polar_factor(overlap: ca.SX) -> ca.SX:

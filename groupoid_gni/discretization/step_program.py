@@ -13,6 +13,9 @@ HISTORY = 5
 STAGE_HISTORY = 12
 """Stages whose unknowns are remembered for the warm start of a composition."""
 
+RECORD = 5
+"""Numbers kept of how well the warm start has foretold the stages (``codegen.surprise``)."""
+
 
 @dataclass(frozen=True)
 class StateLayout:
@@ -131,9 +134,15 @@ class StepProgram:
         return HISTORY if self.stages == 1 else STAGE_HISTORY
 
     @property
+    def record_size(self) -> int:
+        """Numbers kept of how well the warm start has foretold the stages; none without one."""
+        return RECORD if self.unknowns.numel() else 0
+
+    @property
     def memory_size(self) -> int:
-        """Unknowns of the last stages, carried values, Newton count."""
-        return self.history * self.unknowns.numel() + self.carried.numel() + 1
+        """Unknowns of the last stages, carried values, record of the warm start, Newton count."""
+        kept = self.history * self.unknowns.numel() + self.carried.numel()
+        return kept + self.record_size + 1
 
     @property
     def row_size(self) -> int:

@@ -286,6 +286,22 @@ class SystemExpressions:
         """``dL/dxi = G xi + A``."""
         return ca.mtimes(self.metric(x, theta), xi) + self.section("gyroscopic", x, theta)
 
+    def kinetic_scale(self, xi: ca.SX, p: ca.SX, kinetic: bool = True) -> ca.SX:
+        """``sum_i |xi_i p_i|``: what a step's round-off is relative to.
+
+        kinetic : p is ``G xi + A`` and nothing else. Then no term is negative where the metric is
+            diagonal, and no absolute value is taken.
+        """
+        if kinetic and self._pairs_are_positive:
+            return ca.dot(xi, p)
+        return ca.sum1(ca.fabs(xi * p))
+
+    @cached_property
+    def _pairs_are_positive(self) -> bool:
+        x, theta = ca.SX.sym("x", self.base_size), ca.SX.sym("theta", self.parameter_size)
+        metric = ca.sparsify(self.metric(x, theta))
+        return metric.sparsity().is_diag() and not self.system.has("gyroscopic")
+
     def velocity(self, x: ca.SX, p: ca.SX, theta: ca.SX) -> ca.SX:
         """``G^-1 (p - A)``, the inverse Legendre transform."""
         return self.raised(x, p - self.section("gyroscopic", x, theta), theta)

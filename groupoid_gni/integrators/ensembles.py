@@ -12,7 +12,7 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_complete
 from dataclasses import dataclass
 from functools import cached_property
 from types import TracebackType
-from typing import overload
+from typing import cast, overload
 
 import numpy as np
 
@@ -27,7 +27,12 @@ from groupoid_gni.codegen import (
     widest_lanes,
 )
 from groupoid_gni.codegen.runners import Progress
-from groupoid_gni.errors import InputError, ParasiticModeWarning
+from groupoid_gni.errors import (
+    GNIWarning,
+    InputError,
+    ParasiticModeWarning,
+    SurprisingStepWarning,
+)
 from groupoid_gni.integrators.ensemble_inputs import Member, checked_members
 from groupoid_gni.integrators.interruption import interruptible
 from groupoid_gni.integrators.marching import (
@@ -37,6 +42,8 @@ from groupoid_gni.integrators.marching import (
     progress_bar,
     row_without_arrow,
     run_steps,
+    surprise_complaint,
+    surprise_of,
 )
 from groupoid_gni.integrators.methods import Method, ReferenceFlow, SteppingMethod
 from groupoid_gni.integrators.preparation import Starts, prepare
@@ -150,7 +157,8 @@ def integrate_ensemble(
     -------
     Ensemble. Members that fail or are refused are in ``failures``; nothing is raised for them, and
     the others are complete. Ctrl-C is passed on once running jobs have ended. Members that needed
-    second tries warn as runs of ``integrate`` do; a parasitic mode is told once for all.
+    second tries warn as runs of ``integrate`` do; a parasitic mode and steps that surprise are told
+    once for all.
 
     Raises
     ------
@@ -243,7 +251,7 @@ class _EnsembleRequest:
                 for future in waiting:
                     future.cancel()
                 raise
-        _warn_of_parasitic_modes({i: done[i] for b in batches if b.job for i in b.numbers})
+        _warn_of_suspects({i: done[i] for b in batches if b.job for i in b.numbers})
         failures = {**refused, **{i: run.message for i, run in done.items() if not run.success}}
         whole = len(done) + len(refused)
         runs = [done[i] if i in done else self._nothing(refused[i]) for i in range(whole)]
@@ -330,16 +338,20 @@ class _EnsembleRequest:
     def _from_lane(self, batch: _Batch, result: LaneResult, lane: int) -> Trajectory:
         """The trajectory that ``integrate`` would have returned."""
         member = self._by_number[batch.numbers[lane]]
-        program, job = batch.runner.program, batch.job
-        first = Progress(job.state[:, lane], job.memory[:, lane])  # type: ignore[union-attr]
+        program, job = batch.runner.program, cast(LaneJob, batch.job)
+        first = Progress(job.state[:, lane], job.memory[:, lane])
+        end = Progress(result.state[:, lane], result.memory[:, lane], job.count)
         rows = [row_without_arrow(program, first), result.rows[:, :, lane]]
         steps = np.arange(0, self.count + 1, self.every)
         if self.count % self.every:
-            last = Progress(result.state[:, lane], result.memory[:, lane])
-            rows.append(row_without_arrow(program, last))
+            rows.append(row_without_arrow(program, end))
             steps = np.append(steps, self.count)
+        system, parameters = member.system(self.system), job.parameters[:, lane].copy()
+        surprise, surprising_step = surprise_of(
+            system, batch.runner, parameters, [first, end], self.controls
+        )
         return Trajectory(
-            system=member.system(self.system),
+            system=system,
             method_name=str(self.method),
             step_size=self.h,
             node_steps=steps,
@@ -348,6 +360,8 @@ class _EnsembleRequest:
             active_rows=member.start.active_rows,
             flights=program.arrow_velocities.numel() // self.system.space.rank,
             seconds=result.seconds / len(batch.numbers),
+            surprise=surprise,
+            surprising_step=surprising_step,
             controls=self.controls,
         )
 
@@ -377,11 +391,18 @@ class _Batch:
     job: LaneJob | None = None
 
 
-def _warn_of_parasitic_modes(runs: Mapping[int, Trajectory]) -> None:
-    """One warning for all members that came out of a loop over lanes."""
-    complaints = {i: text for i, run in runs.items() if (text := parasitic_complaint(run))}
-    if not complaints:
-        return
-    first = min(complaints)
-    text = f"{len(complaints)} of {len(runs)} members, first member {first}: {complaints[first]}"
-    warnings.warn(ParasiticModeWarning(text, runs[first]), stacklevel=4)
+def _warn_of_suspects(runs: Mapping[int, Trajectory]) -> None:
+    """One warning of each kind for all members that came out of a loop over lanes."""
+    modes = {i: text for i, run in runs.items() if (text := parasitic_complaint(run))}
+    steps = {
+        i: text for i, run in runs.items()
+        if i not in modes and (text := surprise_complaint(run))
+    }
+    kinds: tuple[tuple[Callable[[str, Trajectory], GNIWarning], dict[int, str]], ...] = (
+        (ParasiticModeWarning, modes), (SurprisingStepWarning, steps)
+    )
+    for kind, complaints in kinds:
+        if complaints:
+            first = min(complaints)
+            text = f"{len(complaints)} of {len(runs)} members, first member {first}: "
+            warnings.warn(kind(text + complaints[first], runs[first]), stacklevel=4)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, cast
@@ -24,7 +24,12 @@ from groupoid_gni.discretization import (
     projected_program,
     two_step_program,
 )
-from groupoid_gni.errors import InputError, ParasiticModeWarning, RescuedStepsWarning
+from groupoid_gni.errors import (
+    InputError,
+    ParasiticModeWarning,
+    RescuedStepsWarning,
+    SurprisingStepWarning,
+)
 from groupoid_gni.integrators.failure_report import constraint_rows_lost, failure_detail
 from groupoid_gni.integrators.interruption import interruptible
 from groupoid_gni.integrators.methods import (
@@ -50,6 +55,13 @@ _PARASITIC_CEILING = 0.3
 _BASE_TOLERANCE = 1e-6
 _JUMP = 0.1
 """Relative change of the velocity in a rescued stage from which on it is suspect."""
+_SURPRISE = 0.01
+"""Relative error of an extrapolation from which on a step that stands out may be suspect, for every
+stage of a step: compositions take larger steps."""
+_UNRESOLVED = 0.5
+"""Relative change of the velocity in one of the steps about it from which on it is."""
+_BEFORE, _AFTER = 6, 2
+"""Steps looked at, before and from the one that stands out."""
 
 
 def compiled_step(
@@ -165,8 +177,14 @@ def run_steps(
     request = _Request(system, start, *sizes, method, runner, parameters, state, controls)
     chunks, outcome, detail, rescued = _march(request, progress)
     run = _collect(request, chunks, outcome, detail, len(rescued))
-    _warn_of_rescued_steps(run, rescued, request)
-    _warn_of_parasitic_mode(run)
+    rescue, mode = _rescue_complaint(run, rescued, request), parasitic_complaint(run)
+    surprise = surprise_complaint(run)
+    if rescue:
+        warnings.warn(RescuedStepsWarning(rescue, run), stacklevel=3)
+    if mode:
+        warnings.warn(ParasiticModeWarning(mode, run), stacklevel=3)
+    if surprise and not (rescue or mode):
+        warnings.warn(SurprisingStepWarning(surprise, run), stacklevel=3)
     return run
 
 
@@ -317,6 +335,10 @@ def _collect(
         rows = np.concatenate([rows, row_without_arrow(program, end)])
         steps = np.append(steps, done)
     flights = program.arrow_velocities.numel() // request.system.space.rank
+    surprise, surprising_step = surprise_of(
+        request.system, request.runner, request.parameters, [p for p, _ in chunks],
+        request.controls,
+    )  # fmt: skip
     return Trajectory(
         system=request.system,
         method_name=str(request.method),
@@ -330,6 +352,8 @@ def _collect(
         detail=detail,
         seconds=chunks[-1][0].seconds,
         rescued_steps=rescued,
+        surprise=surprise,
+        surprising_step=surprising_step,
         controls=request.controls,
     )
 
@@ -363,35 +387,79 @@ def row_without_arrow(program: StepProgram, progress: Progress) -> FloatArray:
 
 def _change_of_velocity(request: _Request, chunks: Chunks) -> float:
     """Over the last chunk, relative to the larger of both, in the metric."""
-    layout, system = request.runner.program.layout, request.system
-    bases, momenta = layout.node(np.stack([progress.state for progress, _ in chunks[-2:]]))
+    states = np.stack([progress.state for progress, _ in chunks[-2:]])
+    return float(_changes_of_velocity(request.system, request.runner.program, states)[0])
+
+
+def _changes_of_velocity(
+    system: MechanicalSystem, program: StepProgram, states: FloatArray
+) -> FloatArray:
+    """From state to state, relative to the larger of both, in the metric."""
+    bases, momenta = program.layout.node(states)
     velocities = system.velocities(bases, momenta)
-    velocities = np.vstack([velocities, velocities[1:] - velocities[:1]])
-    before, after, change = system.speeds(bases[[0, 1, 1]], velocities)
-    return float(change / max(before, after, 1e-300))
+    speeds = system.speeds(bases, velocities)
+    changes = system.speeds(bases[1:], np.diff(velocities, axis=0))
+    return np.asarray(changes / np.maximum(np.maximum(speeds[1:], speeds[:-1]), 1e-300))
 
 
-def _warn_of_rescued_steps(run: Trajectory, rescued: Rescued, request: _Request) -> None:
+def _rescue_complaint(run: Trajectory, rescued: Rescued, request: _Request) -> str:
     """Only where a velocity changed much: a poor guess for a good step is nothing to speak of."""
     jumps = [stage for stage, change in rescued if change > _JUMP]
     if not jumps or run.outcome < 0:
-        return
+        return ""
     step = jumps[0] // request.stages
     many = f"{len(jumps)} stages" if len(jumps) > 1 else "one stage"
-    text = (
+    return (
         f"{many} of {run.method_name} needed a second try and changed the velocity by more than "
         f"{_JUMP:.0%}, first in step {step + 1}, which begins at t = {step * request.h:g}: the "
         "equations of a step that is too large, or near a singularity, have several solutions, and "
         "the one found need not continue the motion. Compare with a run of half the step; near a "
         "singularity of a chart, use a groupoid that has no chart"
     )
-    warnings.warn(RescuedStepsWarning(text, run), stacklevel=4)
 
 
-def _warn_of_parasitic_mode(run: Trajectory) -> None:
-    complaint = parasitic_complaint(run)
-    if complaint:
-        warnings.warn(ParasiticModeWarning(complaint, run), stacklevel=4)
+def surprise_of(
+    system: MechanicalSystem,
+    runner: StepRunner,
+    parameters: FloatArray,
+    passed: Sequence[Progress],
+    controls: FloatArray | None,
+) -> tuple[float, int]:
+    """How far the step that stood out most lay from its extrapolation, and its number from 1.
+
+    passed : where the run stood, the last at its end. (0, 0) where there is nothing to speak of: a
+    coarse step that the extrapolation missed is suspect only if the velocity changed much there,
+    which is found by running the steps about it again.
+    """
+    stages = runner.program.stages
+    error, stage = runner.surprise(passed[-1].memory)
+    if error <= _SURPRISE * stages:
+        return 0.0, 0
+    step = stage // stages
+    first = max(step - _BEFORE, 0) * stages
+    begin = next((p for p in reversed(passed) if p.stage <= first), passed[0])
+    begin, _, _ = runner.advance(parameters, begin, first - begin.stage, stages, controls)
+    count = min((step + _AFTER) * stages, passed[-1].stage) - begin.stage
+    _, rows, _ = runner.advance(parameters, begin, count, stages, controls)
+    states = np.vstack([begin.state, rows[:, : runner.program.layout.size]])
+    changes = _changes_of_velocity(system, runner.program, states)
+    return (error, step + 1) if np.max(changes, initial=0.0) > _UNRESOLVED else (0.0, 0)
+
+
+def surprise_complaint(run: Trajectory) -> str:
+    """What there is to say of a step that stood out; nothing of a run that failed."""
+    if not run.surprise or run.outcome < 0:
+        return ""
+    begins = (run.surprising_step - 1) * run.step_size
+    return (
+        f"step {run.surprising_step} of {run.method_name}, which begins at t = {begins:g}, lies "
+        f"{run.surprise:.2g} of the velocity away from what the steps before it led to expect, "
+        "more than ten times as far as is usual in this run, and the velocity changes by more than "
+        f"{_UNRESOLVED:.0%} in a step there: the motion is faster than the steps resolve, or the "
+        "solution found belongs to another motion, and the run should not be trusted from there "
+        "on. Compare with a run of half the step; near a singularity of a chart, use a groupoid "
+        "that has no chart"
+    )
 
 
 def parasitic_complaint(run: Trajectory) -> str:

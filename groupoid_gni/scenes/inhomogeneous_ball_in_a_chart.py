@@ -34,8 +34,8 @@ def inhomogeneous_ball_in_a_chart(
 
     All rho of length 2 pi are one and the same attitude, so metric and constraints degenerate there
     and rho turns faster the closer it comes: runs lose their digits, then stop with NEWTON_FAILED
-    or CONSTRAINTS_SINGULAR, or jump past it and are wrong, which only the moving energy shows.
-    ``inhomogeneous_ball`` has no such place and is the one to use.
+    or CONSTRAINTS_SINGULAR, or jump past it and are wrong, with a SurprisingStepWarning where they
+    are wrong by much. ``inhomogeneous_ball`` has no such place and is the one to use.
 
     Raises InputError for a rotation_vector of length 2 pi, 4 pi, ...
     """

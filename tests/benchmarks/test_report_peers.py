@@ -106,3 +106,63 @@ def test_the_simulator_rolls_towards_our_motion():
         errors.append(gap((np.concatenate([place, rotation]), v), (base, velocity)))
     assert errors[0] < 2e-3
     assert errors[1] < 0.7 * errors[0]
+
+
+@pytest.fixture(scope="module")
+def disc():
+    scene = gni.scenes.rolling_disc(tilt=20.0, spin=(0.3, 4.0, 1.5))
+    flow = gni.ReferenceFlow(rtol=1e-12)
+    return scene, simulators.our_disc(scene, simulators.DISC_T, flow, steps=1)
+
+
+def test_the_pose_of_a_disc_sees_its_vertical_and_touches_the_plane(disc):
+    scene, end = disc
+    gamma = np.array([-0.48, 0.6, 0.64])
+    pose = simulators.upright_pose(gamma, 0.7)
+    assert np.allclose(pose[:3, :3].T @ [0.0, 0.0, 1.0], gamma, atol=1e-15)
+    assert np.allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-15)
+    assert np.linalg.det(pose) == pytest.approx(1.0)
+    lowest = -0.7 * gamma * [1.0, 1.0, 0.0] / np.hypot(gamma[0], gamma[1])
+    assert (pose[:3, :3] @ lowest + pose[:3, 3])[2] == pytest.approx(0.0, abs=1e-15)
+    errors = simulators.disc_errors(scene, end, end.pose)
+    assert errors.pose == 0.0
+    assert max(errors.energy, errors.slip, errors.lift) < 1e-10
+
+
+@pytest.mark.filterwarnings("ignore")  # other people's packages
+@pytest.mark.parametrize("formulation", simulators.FORMULATIONS)
+def test_the_disc_of_exudyn_rolls_towards_ours_at_order_two(disc, formulation):
+    exudyn = simulators.exudyn_module()
+    if exudyn is None:
+        pytest.skip("Exudyn is not installed")
+    scene, wanted = disc
+    found = []
+    for h in (0.02, 0.01):
+        end = simulators.exudyn_disc(exudyn, scene, h, formulation)
+        found.append(simulators.disc_errors(scene, end, wanted.pose))
+    assert found[1].slip < 1e-6
+    assert found[0].pose < 0.1
+    for kind in ("place", "attitude", "energy"):
+        assert 3.3 < getattr(found[0], kind) / getattr(found[1], kind) < 4.8, kind
+
+
+def test_our_disc_is_as_exact_as_asked_and_says_when_it_cannot_be(disc):
+    scene, wanted = disc
+    h, seconds = simulators.as_exact(scene, gni.GNI(order=4), 1e-6, wanted.pose, 1)
+    end = simulators.our_disc(scene, h, gni.GNI(order=4))
+    assert simulators.disc_errors(scene, end, wanted.pose).pose <= 1e-6
+    assert seconds > 0.0
+    coarser = simulators.our_disc(scene, 1.3 * h, gni.GNI(order=4), round(2.0 / (1.3 * h)))
+    assert simulators.disc_errors(scene, coarser, wanted.pose).pose > 1e-6
+    assert simulators.as_exact(scene, gni.GNI(), 0.0, wanted.pose, 1) is None
+    failed = simulators.our_disc(scene, 1.0, gni.GNI())
+    assert np.isnan(simulators.disc_errors(scene, failed, wanted.pose).pose)
+
+
+@pytest.mark.slow
+def test_the_table_of_discs_says_that_exudyn_is_absent(monkeypatch):
+    monkeypatch.setattr(simulators, "exudyn_module", lambda: None)
+    text = simulators.disc_section(quick=True)
+    assert "Exudyn is not installed" in text
+    assert "GNI 4, h = 0.0025" in text
+    assert "times faster" not in text

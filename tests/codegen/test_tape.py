@@ -16,6 +16,7 @@ from groupoid_gni.codegen.step_kernel import step_function
 from groupoid_gni.codegen.tape import (
     MULTIPLY_ADD,
     MULTIPLY_SUBTRACT,
+    SELECT,
     SUBTRACT_PRODUCT,
     Tape,
 )
@@ -50,6 +51,7 @@ _PLAIN: dict[int, Any] = {
     ca.OP_LOG: np.log,
     ca.OP_EXP: np.exp,
     ca.OP_SIGN: np.sign,
+    SELECT: lambda flag, a, b: a if flag else b,
     MULTIPLY_ADD: lambda a, b, c: a * b + c,
     MULTIPLY_SUBTRACT: lambda a, b, c: a * b - c,
     SUBTRACT_PRODUCT: lambda a, b, c: c - a * b,
@@ -111,9 +113,10 @@ def test_random_expressions_keep_their_values_when_rewritten(data: st.DataObject
     pool = [*ca.vertsplit(a), *ca.vertsplit(b), ca.SX(0.7)]
     for _ in range(data.draw(st.integers(3, 25))):
         one, two = (pool[data.draw(st.integers(0, len(pool) - 1))] for _ in range(2))
-        kind = data.draw(st.sampled_from("+-*/s"))
+        kind = data.draw(st.sampled_from("+-*/s?"))
         fresh = {"+": one + two, "-": one - two, "*": one * two, "/": one / (2 + two * two),
-                 "s": one * one - two}[kind]
+                 "s": one * one - two,
+                 "?": ca.if_else(one < two, two * two, one)}[kind]
         pool.append(fresh)
     function = ca.Function("f", [a, b], [ca.densify(ca.vertcat(*pool[-4:]))])
     numbers = [0.31, -0.77, 0.52], [0.9, 0.45, -0.23]
@@ -137,3 +140,30 @@ def test_a_product_of_an_outer_level_is_not_drawn_into_the_loop() -> None:
     function = ca.Function("f", [a, b], [a[0] * a[1] + b])
     codes = [operation.code for operation in Tape.of(function).optimised().operations]
     assert ca.OP_MUL in codes
+
+
+def test_a_choice_is_one_operation() -> None:
+    a, b = ca.SX.sym("a", 2), ca.SX.sym("b")
+    chosen = ca.if_else(a[0] < b, a[1], b * b)
+    function = ca.Function("f", [a, b], [ca.vertcat(chosen, 1 + chosen)])
+    tape = Tape.of(function).optimised()
+    codes = [tape.operations[i].code for i in tape.needed([0])]
+    assert codes.count(SELECT) == 1
+    assert ca.OP_IF_ELSE_ZERO not in codes
+    assert ca.OP_NOT not in codes
+    for numbers in (([0.3, -0.7], [0.9]), ([1.3, -0.7], [0.9])):
+        expected = np.array(function(*numbers)).ravel()
+        np.testing.assert_array_equal(evaluate(tape, *numbers)[0], expected)
+
+
+def test_halves_of_a_choice_that_are_used_apart_stay_apart() -> None:
+    a, b = ca.SX.sym("a"), ca.SX.sym("b")
+    flag = a < b
+    one, other = (
+        ca.SX.binary(ca.OP_IF_ELSE_ZERO, condition, value)
+        for condition, value in ((flag, a), (ca.logic_not(flag), b))
+    )
+    function = ca.Function("f", [a, b], [ca.vertcat(one + other, one)])
+    tape = Tape.of(function).optimised()
+    assert SELECT not in [operation.code for operation in tape.operations]
+    np.testing.assert_array_equal(evaluate(tape, [0.4], [0.9])[0], [0.4, 0.4])

@@ -180,3 +180,23 @@ def test_a_flight_leaves_with_fl_minus_and_arrives_with_fl_plus(name: str) -> No
         space = a.system.space
         arrow = space.retract(a.start.base, 0.13 * v)
         np.testing.assert_allclose(x1, space.target(arrow), atol=1e-15)
+
+
+@pytest.mark.parametrize("rule", [gni.Rattle(), gni.Midpoint(), gni.EulerA()], ids=str)
+@pytest.mark.parametrize("metric", [np.diag([1.3, 0.8]), [[1.3, 0.4], [0.4, 0.8]]], ids=["d", "f"])
+def test_the_scale_of_a_step_is_the_sum_of_absolute_values(rule: Any, metric: Any) -> None:
+    system = gni.MechanicalSystem(
+        gni.PairGroupoid(2), metric=metric, potential=lambda x, p: -40.0 * (x @ x) ** 2
+    )
+    e = SystemExpressions(system, ())
+    x, p, h = ca.SX.sym("x", 2), ca.SX.sym("p", 2), ca.SX.sym("h")
+    step = FreeFlight(e, rule)
+    flight = step.from_momentum(x, p, h, ca.SX(0, 1), "xi")
+    slope = step._gradients(x, flight.target, flight.velocity, h, ca.SX(0, 1))[2]
+    expected = ca.sum1(ca.fabs(flight.velocity * slope))
+    both = ca.Function("both", [x, p, h, flight.unknowns], [flight.energy, expected])
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        guess = rng.uniform(-2, 2, flight.unknowns.numel())
+        found, wanted = both(rng.uniform(-1, 1, 2), rng.uniform(-1, 1, 2), 0.4, guess)
+        assert abs(float(found) - float(wanted)) <= 1e-13 * float(wanted)

@@ -100,6 +100,21 @@ def at_the_edge_of_the_chart(seed: int, starts: int) -> Verdict:
     )  # fmt: skip
 
 
+def lost_in_the_chart(method: gni.GNI, rho: Any, velocity: Any, h: float) -> Verdict:
+    """A run near |rho| = 2 pi whose steps are all solved at the first try, and which is wrong."""
+    scene = shared(
+        gni.scenes.inhomogeneous_ball_in_a_chart(rotation_vector=rho, velocity=velocity)
+    )
+    run, names = warned(scene.system, scene.start, step=h, t_end=10.0, method=method)
+    wrong = moving_in_the_chart(run)
+    return verdict(
+        f"moving energy off by {wrong:.1g}, {run.rescued_steps} second tries; "
+        f"{', '.join(names) or 'no warning'}: step {run.surprising_step} of {run.node_steps[-1]} "
+        f"off by {run.surprise:.2g}",
+        wrong > 0.5, run.rescued_steps == 0, names == ["SurprisingStepWarning"],
+    )  # fmt: skip
+
+
 MIXED = "left-invariant inertia, right-invariant constraint; h ~ 1e-4 in the paper"
 CASES = [
     *(
@@ -122,5 +137,19 @@ CASES = [
             "without a chart none fails", partial(at_the_edge_of_the_chart, seed, 6), slow=seed > 1,
         )
         for seed in (1, 2)
+    ),
+    *(
+        HardCase(
+            f"the ball that is lost in the chart, {method}",
+            "every step is solved at its first try", SOURCE,
+            "moving energy wrong by half or more, and SurprisingStepWarning says so",
+            partial(lost_in_the_chart, method, rho, velocity, h),
+        )
+        for method, rho, velocity, h in (
+            (gni.GNI(), (-0.8634263309786897, -4.357468115438112, 0.9074452862968917),
+             (-1.4123812154717754, 0.770322082794496), 0.01),
+            (gni.GNI(4, flow=gni.EnergyPreserving()), (-3.675, 2.936, -1.237),
+             (-0.1057, -0.9719), 0.04),
+        )
     ),
 ]  # fmt: skip

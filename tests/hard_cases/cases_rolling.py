@@ -85,13 +85,12 @@ def falling_flat(tilt: float, per_second: int, method: Any) -> Verdict:
         f"{run.outcome.name} at t = {run.times[-1]:.4f}, {degrees:.3f} degrees above the plane; "
         f"energy until there {energy_error(run):.0e}, constraint {violation(run):.0e}; "
         f"{', '.join(names) or 'no warning'}",
-        (not run.success and energy_error(run) < 1e-2) or names == ["ParasiticModeWarning"],
-        degrees < 2.0, violation(run) < 1e-8,
+        not run.success, energy_error(run) < 1e-2, degrees < 2.0, violation(run) < 1e-8,
     )  # fmt: skip
 
 
 def grazing(turning: float, per_second: int, method: Any) -> Verdict:
-    """A disc that nearly lies down: right to a percent, a failure, or told by the summary."""
+    """A disc that nearly lies down: right to a percent and no warning, a failure, or a warning."""
     scene = shared(gni.scenes.rolling_disc(tilt=30.0, spin=(0.0, turning, 0.0)))
     p = scene.system.parameters
     run, names = warned(scene.system, scene.start, step=1.0 / per_second, t_end=1.0, method=method,
@@ -108,8 +107,7 @@ def grazing(turning: float, per_second: int, method: Any) -> Verdict:
     return verdict(
         f"{outcome}, error {error:.0e}, {', '.join(names) or 'no warning'}; the velocity changes "
         f"by up to {largest:.0%} in a step; flattest {flattest:.2f} degrees",
-        not run.success or error < 0.01 or "RescuedStepsWarning" in names
-        or "the velocity changes by" in run.summary(),
+        not run.success or (names == [] if error < 0.01 else names != []),
     )  # fmt: skip
 
 
@@ -145,8 +143,7 @@ CASES = [
         HardCase(
             f"disc that falls flat, tilt {tilt:g}, {method}", "no contact point where it lies flat",
             DISC,
-            "a failure within two degrees of the plane and nothing wrong before, or (Rattle) the "
-            "alarm of the parasitic mode",
+            "a failure within two degrees of the plane and nothing wrong before",
             partial(falling_flat, tilt, 512, method), slow=tilt == 10.0 and method == SIXTH,
         )
         for tilt in (30.0, 10.0)
@@ -156,8 +153,7 @@ CASES = [
         HardCase(
             f"disc that grazes the plane, turning {turning:g}, {n} steps, {method}",
             "the contact point runs round the rim within a few steps", DISC,
-            "right to a percent, or a failure, or RescuedStepsWarning, or the summary tells of a "
-            "velocity that changes by half and more in one step",
+            "right to a percent and no warning, or a failure, or a warning",
             partial(grazing, turning, n, method),
         )
         for turning in (0.01, 0.03) for n in (512, 2048) for method in (gni.GNI(6), SIXTH)

@@ -1,16 +1,20 @@
 /* Inhomogeneous ball on a rotating table, on R^2 x SO(3) in the body frame, Cayley.
 
    The constraints x' - r (R omega)_2 + Theta y = 0, y' + r (R omega)_1 - Theta x = 0 involve the
-   first two rows a, b of R only. Velocities, momenta and Theta are in units of 2 / flight time, so
-   that the flight is x -> x + 2 v, R -> R cay with s = omega, and no step size is left.
+   first two rows a, b of R only. Velocities, momenta and Theta are in units of 2 / flight time of
+   the stage, so that the flight is x -> x + 2 v, R -> R cay with s = omega, and no step size is
+   left.
 
    With -DTWO_ROWS the third row of R is not carried but completed when the run ends, which is the
    same scheme with less work; without it all of R is moved and restored in every step.
 
+   The explicit flight turns about the principal axes one after the other, each by a Cayley
+   rotation; the momentum turns with it.
+
    parameters: m, r, I1, I2, I3, Theta.
    state: x, y, R row by row (9), momentum after the impact (5).
-   Both functions return the number of Newton iterations, or FAILED. */
-#include "iteration.h"
+   All functions return the number of Newton iterations, or FAILED. */
+#include "principal_axes.h"
 
 #ifdef TWO_ROWS
 enum { CARRIED_ROWS = 2 };
@@ -19,7 +23,7 @@ enum { CARRIED_ROWS = 3 };
 #endif
 
 typedef struct {
-    vector inertia, inverse_inertia, twist; /* twist = (I3 - I2, I1 - I3, I2 - I1) */
+    axes body;
     double inverse_mass, r, theta;
 } ball;
 
@@ -50,25 +54,7 @@ typedef struct {
 
 static ball make_ball(const double *p, double unit)
 {
-    vector I = load(p + 2), over = {1.0 / I.x, 1.0 / I.y, 1.0 / I.z};
-    vector twist = {I.z - I.y, I.x - I.z, I.y - I.x};
-    return (ball){I, over, twist, 1.0 / p[0], p[1], unit * p[5]};
-}
-
-INLINE vector by_entry(vector a, vector b)
-{
-    return (vector){a.x * b.x, a.y * b.y, a.z * b.z};
-}
-
-INLINE vector turned(vector row, vector s, double factor)
-{
-    vector once = cross(row, s);
-    return add(row, factor, add(once, 1.0, cross(once, s)));
-}
-
-INLINE double cayley_factor(vector s)
-{
-    return 2.0 / (1.0 + dot(s, s));
+    return (ball){make_axes(load(p + 2)), 1.0 / p[0], p[1], unit * p[5]};
 }
 
 /* R - (R R^T - 1) R / 2, from the carried rows. */
@@ -90,8 +76,8 @@ INLINE rotation restored(rotation R)
 INLINE node node_at(const ball *g, double x, double y, vector a, vector b)
 {
     node n = {.x = x, .y = y, .a = scaled(g->r, a), .b = scaled(g->r, b)};
-    n.a_over = by_entry(n.a, g->inverse_inertia);
-    n.b_over = by_entry(n.b, g->inverse_inertia);
+    n.a_over = by_entry(n.a, g->body.inverse);
+    n.b_over = by_entry(n.b, g->body.inverse);
     n.c11 = g->inverse_mass + dot(n.b, n.b_over);
     n.c22 = g->inverse_mass + dot(n.a, n.a_over);
     n.c12 = -dot(n.a, n.b_over);
@@ -145,6 +131,11 @@ INLINE pair transposed_times(lower l, pair v)
     return (pair){l.i11 * v.first + l.i21 * v.second, l.i22 * v.second};
 }
 
+INLINE momentum larger(momentum p, double factor)
+{
+    return (momentum){factor * p.x, factor * p.y, scaled(factor, p.spin)};
+}
+
 /* N v = mu^T L^-T v */
 INLINE momentum normal_vector(const node *n, lower l, pair v)
 {
@@ -167,35 +158,27 @@ INLINE pair matched(const ball *g, const node *n0, lower l0, const node *n1, low
                   length * sign * (c * v.second - s * v.first)};
 }
 
-/* One Newton update of FL-(s) = m; pi = I s is updated with s. Adds to work and energy, and returns
-   the inverse of the Jacobian. */
-INLINE inverted newton(const ball *g, vector m, vector *s, vector *pi, double *work,
-                       double *energy)
-{
-    const vector t = g->twist;
-    double k = dot(*s, *pi), xy = s->x * s->y, xz = s->x * s->z, yz = s->y * s->z;
-    vector r = {pi->x + t.x * yz + k * s->x - m.x, pi->y + t.y * xz + k * s->y - m.y,
-                pi->z + t.z * xy + k * s->z - m.z};
-    vector p2 = scaled(2.0, *pi);
-    vector a = {g->inertia.x + k + s->x * p2.x, t.y * s->z + s->y * p2.x,
-                t.z * s->y + s->z * p2.x};
-    vector b = {t.x * s->z + s->x * p2.y, g->inertia.y + k + s->y * p2.y,
-                t.z * s->x + s->z * p2.y};
-    vector c = {t.x * s->y + s->x * p2.z, t.y * s->x + s->y * p2.z,
-                g->inertia.z + k + s->z * p2.z};
-    inverted inverse = inverse_of(a, b, c);
-    vector u = applied(&inverse, r);
-    *work += size(r, u);
-    *s = add(*s, -1.0, u);
-    *pi = by_entry(g->inertia, *s);
-    *energy += dot(*s, *pi);
-    return inverse;
-}
+/* Inverse Jacobian of the two closing equations. */
+typedef struct {
+    double j11, j12, j21, j22;
+} slope;
 
-INLINE vector legendre_plus(const ball *g, vector s, vector pi)
+/* Broyden's formula for the inverse, left alone where the last step was round-off. */
+INLINE void learn(slope *j, pair moved, pair change, double energy)
 {
-    vector twisted = {g->twist.x * s.y * s.z, g->twist.y * s.x * s.z, g->twist.z * s.x * s.y};
-    return add(add(pi, -1.0, twisted), dot(s, pi), s);
+    double e1 = j->j11 * change.first + j->j12 * change.second;
+    double e2 = j->j21 * change.first + j->j22 * change.second;
+    double along = moved.first * e1 + moved.second * e2;
+    double square = moved.first * moved.first + moved.second * moved.second;
+    if (square > LEAST_MOVE * energy && !believable(along, square)) {
+        *j = (slope){-0.5, 0.0, 0.0, -0.5};
+    } else if (square > LEAST_MOVE * energy) {
+        double f = 1.0 / along, g1 = f * (moved.first - e1), g2 = f * (moved.second - e2);
+        double row1 = moved.first * j->j11 + moved.second * j->j21;
+        double row2 = moved.first * j->j12 + moved.second * j->j22;
+        *j = (slope){j->j11 + g1 * row1, j->j12 + g1 * row2, j->j21 + g2 * row1,
+                     j->j22 + g2 * row2};
+    }
 }
 
 static rotation load_rotation(const double *a)
@@ -229,18 +212,18 @@ int64_t rattle(const double *parameters, double h, double *state, int64_t steps)
     momentum p = load_momentum(state + 11, unit);
     int64_t iterations = 0;
     warm_start w;
-    store(by_entry(p.spin, g.inverse_inertia), u);
+    store(by_entry(p.spin, g.body.inverse), u);
     fill(&w, u, 3);
     for (int64_t step = 0; step < steps; step++) {
-        extrapolate(&w, u, 3);
-        vector s = load(u), pi = by_entry(g.inertia, s);
+        extrapolate(&w, 0, u, 3);
+        vector s = load(u), pi = by_entry(g.body.inertia, s);
         double last = BEFORE_FIRST;
         const double straight = g.inverse_mass * (p.x * p.x + p.y * p.y) + TINY;
         for (int i = 0;; i++) {
             double work = 0.0, energy = straight;
             if (i == MAX_ITERATIONS)
                 return FAILED;
-            newton(&g, p.spin, &s, &pi, &work, &energy);
+            newton(&g.body, p.spin, &s, &pi, &work, &energy);
             iterations++;
             double now = work / energy;
             if (finished(now, last, 0.0, 1))
@@ -257,7 +240,7 @@ int64_t rattle(const double *parameters, double h, double *state, int64_t steps)
         x += 2.0 * g.inverse_mass * p.x;
         y += 2.0 * g.inverse_mass * p.y;
         node n = node_at(&g, x, y, R.a, R.b);
-        p.spin = legendre_plus(&g, s, pi);
+        p.spin = legendre_plus(&g.body, s, pi);
         p = struck(&n, p, violation(&g, &n, p));
         R = restored(R);
     }
@@ -267,26 +250,33 @@ int64_t rattle(const double *parameters, double h, double *state, int64_t steps)
 
 int64_t projected(const double *parameters, double h, double *state, int64_t steps)
 {
-    const double unit = 0.25 * h;
-    const ball g = make_ball(parameters, unit);
+    const double unit = 0.25 * h, last_unit = unit * size_of(STAGES - 1);
+    ball g = make_ball(parameters, unit);
     rotation R = load_rotation(state + 2);
-    momentum p = load_momentum(state + 11, unit);
+    momentum p = load_momentum(state + 11, last_unit);
     node start = node_at(&g, state[0], state[1], R.a, R.b);
     lower l0 = inverse_cholesky(&start);
-    double u[8] = {0.0}, j11 = -0.5, j12 = 0.0, j21 = 0.0, j22 = -0.5;
+    double u[8] = {0.0};
+    slope j = {-0.5, 0.0, 0.0, -0.5};
     int64_t iterations = 0;
     warm_start w;
-    store(by_entry(p.spin, g.inverse_inertia), u);
+    store(scaled(1.0 / size_of(STAGES - 1), by_entry(p.spin, g.body.inverse)), u);
     store(load(u), u + 3);
     fill(&w, u, 8);
-    for (int64_t step = 0; step < steps; step++) {
-        extrapolate(&w, u, 8);
-        vector out = load(u), home = load(u + 3);
+    EACH_STAGE {
+        const double part = size_of(stage), over = 1.0 / part;
+        g.theta = part * unit * parameters[5];
+        p = larger(p, growth_of(stage));
+        j = (slope){regrown(j.j11, stage), growth_of(stage) * j.j12, growth_of(stage) * j.j21,
+                    regrown(j.j22, stage)};
+        extrapolate(&w, stage, u, 8);
+        vector out = scaled(part, load(u)), home = scaled(part, load(u + 3));
         /* columns of N0 = mu^T L0^-T */
         const momentum first = normal_vector(&start, l0, (pair){1.0, 0.0});
         const momentum second = normal_vector(&start, l0, (pair){0.0, 1.0});
         double factor_out, factor_home, last = BEFORE_FIRST;
-        pair nu = {u[6], u[7]}, moved = {0.0, 0.0}, before = {0.0, 0.0}, returned;
+        pair nu = {part * part * part * u[6], part * part * part * u[7]};
+        pair moved = {0.0, 0.0}, before = {0.0, 0.0}, returned;
         vector flown_out, flown_home; /* without the last change of nu */
         momentum arrived;
         node end;
@@ -295,19 +285,19 @@ int64_t projected(const double *parameters, double h, double *state, int64_t ste
             double work = 0.0;
             if (i == MAX_ITERATIONS)
                 return FAILED;
-            vector pi_out = by_entry(g.inertia, out), pi_home = by_entry(g.inertia, home);
+            vector pi_out = by_entry(g.body.inertia, out), pi_home = by_entry(g.body.inertia, home);
             momentum q = pushed(&start, p, transposed_times(l0, nu));
             double energy = g.inverse_mass * (q.x * q.x + q.y * q.y) + TINY;
-            inverted by_out = newton(&g, q.spin, &out, &pi_out, &work, &energy);
-            q.spin = legendre_plus(&g, out, pi_out);
+            inverted by_out = newton(&g.body, q.spin, &out, &pi_out, &work, &energy);
+            q.spin = legendre_plus(&g.body, out, pi_out);
             factor_out = cayley_factor(out);
             vector a = turned(R.a, out, factor_out), b = turned(R.b, out, factor_out);
             node middle = node_at(&g, start.x + 2.0 * g.inverse_mass * q.x,
                                   start.y + 2.0 * g.inverse_mass * q.y, a, b);
             q = struck(&middle, q, violation(&g, &middle, q));
             energy += g.inverse_mass * (q.x * q.x + q.y * q.y);
-            inverted by_home = newton(&g, q.spin, &home, &pi_home, &work, &energy);
-            arrived = (momentum){q.x, q.y, legendre_plus(&g, home, pi_home)};
+            inverted by_home = newton(&g.body, q.spin, &home, &pi_home, &work, &energy);
+            arrived = (momentum){q.x, q.y, legendre_plus(&g.body, home, pi_home)};
             factor_home = cayley_factor(home);
             end = node_at(&g, middle.x + 2.0 * g.inverse_mass * q.x,
                           middle.y + 2.0 * g.inverse_mass * q.y, turned(a, home, factor_home),
@@ -317,25 +307,10 @@ int64_t projected(const double *parameters, double h, double *state, int64_t ste
             pair closing = matched(&g, &start, l0, &end, l1, returned);
             closing = (pair){closing.first - nu.first, closing.second - nu.second};
 
-            /* Broyden's formula for the inverse, left alone where the last step was round-off */
-            double d1 = closing.first - before.first, d2 = closing.second - before.second;
-            double e1 = j11 * d1 + j12 * d2, e2 = j21 * d1 + j22 * d2;
-            double along = moved.first * e1 + moved.second * e2;
-            double square = moved.first * moved.first + moved.second * moved.second;
-            if (square > LEAST_MOVE * energy && !believable(along, square)) {
-                j11 = j22 = -0.5;
-                j12 = j21 = 0.0;
-            } else if (square > LEAST_MOVE * energy) {
-                double f = 1.0 / along, g1 = f * (moved.first - e1), g2 = f * (moved.second - e2);
-                double row1 = moved.first * j11 + moved.second * j21;
-                double row2 = moved.first * j12 + moved.second * j22;
-                j11 += g1 * row1;
-                j12 += g1 * row2;
-                j21 += g2 * row1;
-                j22 += g2 * row2;
-            }
-            moved.first = -(j11 * closing.first + j12 * closing.second);
-            moved.second = -(j21 * closing.first + j22 * closing.second);
+            learn(&j, moved, (pair){closing.first - before.first, closing.second - before.second},
+                  energy);
+            moved.first = -(j.j11 * closing.first + j.j12 * closing.second);
+            moved.second = -(j.j21 * closing.first + j.j22 * closing.second);
             before = closing;
             nu = (pair){nu.first + moved.first, nu.second + moved.second};
             flown_out = out;
@@ -356,10 +331,10 @@ int64_t projected(const double *parameters, double h, double *state, int64_t ste
                 break;
             last = now;
         }
-        store(out, u);
-        store(home, u + 3);
-        u[6] = nu.first;
-        u[7] = nu.second;
+        store(scaled(over, out), u);
+        store(scaled(over, home), u + 3);
+        u[6] = over * over * over * nu.first;
+        u[7] = over * over * over * nu.second;
         remember(&w, u, 8);
         pair lambda = transposed_times(l1, returned);
         p = pushed(&end, arrived, (pair){-lambda.first, -lambda.second});
@@ -372,6 +347,162 @@ int64_t projected(const double *parameters, double h, double *state, int64_t ste
         start = end;
         l0 = l1;
     }
-    store_state(start.x, start.y, R, p, unit, state);
+    store_state(start.x, start.y, R, p, last_unit, state);
+    return iterations;
+}
+
+/* cos, sin of the Cayley rotation with s = tan(half the angle). */
+typedef struct {
+    double cosine, sine;
+} angle;
+
+INLINE angle cayley(double s)
+{
+    double factor = 1.0 / (1.0 + s * s);
+    return (angle){(1.0 - s * s) * factor, 2.0 * s * factor};
+}
+
+/* A row times the rotation, and a momentum moved along: both as R^T v. */
+INLINE vector about_first(vector v, angle t)
+{
+    return (vector){v.x, t.cosine * v.y + t.sine * v.z, t.cosine * v.z - t.sine * v.y};
+}
+
+INLINE vector about_second(vector v, angle t)
+{
+    return (vector){t.cosine * v.x - t.sine * v.z, v.y, t.cosine * v.z + t.sine * v.x};
+}
+
+INLINE vector about_third(vector v, angle t)
+{
+    return (vector){t.cosine * v.x + t.sine * v.y, t.cosine * v.y - t.sine * v.x, v.z};
+}
+
+/* What a flight turned by, first to last or last to first. */
+typedef struct {
+    angle first, second, third;
+} turns;
+
+INLINE vector outward(vector v, const turns *t)
+{
+    return about_third(about_second(about_first(v, t->first), t->second), t->third);
+}
+
+INLINE vector homeward(vector v, const turns *t)
+{
+    return about_first(about_second(about_third(v, t->third), t->second), t->first);
+}
+
+/* Turns the spin momentum and adds its energy; outward and home. */
+INLINE turns spin_out(const axes *g, vector *p, double *energy)
+{
+    vector s;
+    turns t;
+    s.x = g->inverse.x * p->x;
+    t.first = cayley(s.x);
+    *energy += s.x * p->x;
+    *p = about_first(*p, t.first);
+    s.y = g->inverse.y * p->y;
+    t.second = cayley(s.y);
+    *energy += s.y * p->y;
+    *p = about_second(*p, t.second);
+    s.z = g->inverse.z * p->z;
+    t.third = cayley(s.z);
+    *energy += s.z * p->z;
+    *p = about_third(*p, t.third);
+    return t;
+}
+
+INLINE turns spin_home(const axes *g, vector *p, double *energy)
+{
+    vector s;
+    turns t;
+    s.z = g->inverse.z * p->z;
+    t.third = cayley(s.z);
+    *energy += s.z * p->z;
+    *p = about_third(*p, t.third);
+    s.y = g->inverse.y * p->y;
+    t.second = cayley(s.y);
+    *energy += s.y * p->y;
+    *p = about_second(*p, t.second);
+    s.x = g->inverse.x * p->x;
+    t.first = cayley(s.x);
+    *energy += s.x * p->x;
+    *p = about_first(*p, t.first);
+    return t;
+}
+
+int64_t splitting(const double *parameters, double h, double *state, int64_t steps)
+{
+    const double unit = 0.25 * h, last_unit = unit * size_of(STAGES - 1);
+    ball g = make_ball(parameters, unit);
+    rotation R = load_rotation(state + 2);
+    momentum p = load_momentum(state + 11, last_unit);
+    node start = node_at(&g, state[0], state[1], R.a, R.b);
+    lower l0 = inverse_cholesky(&start);
+    double u[2] = {0.0};
+    slope j = {-0.5, 0.0, 0.0, -0.5};
+    int64_t iterations = 0;
+    warm_start w;
+    fill(&w, u, 2);
+    EACH_STAGE {
+        const double part = size_of(stage), over = 1.0 / (part * part * part);
+        g.theta = part * unit * parameters[5];
+        p = larger(p, growth_of(stage));
+        j = (slope){regrown(j.j11, stage), growth_of(stage) * j.j12, growth_of(stage) * j.j21,
+                    regrown(j.j22, stage)};
+        extrapolate(&w, stage, u, 2);
+        double last = BEFORE_FIRST;
+        pair nu = {u[0] / over, u[1] / over}, moved = {0.0, 0.0}, before = {0.0, 0.0}, returned;
+        momentum q;
+        node end;
+        lower l1;
+        turns out, home;
+        for (int i = 0;; i++) {
+            if (i == MAX_ITERATIONS)
+                return FAILED;
+            q = pushed(&start, p, transposed_times(l0, nu));
+            double energy = g.inverse_mass * (q.x * q.x + q.y * q.y) + TINY;
+            out = spin_out(&g.body, &q.spin, &energy);
+            vector a = outward(R.a, &out), b = outward(R.b, &out);
+            node middle = node_at(&g, start.x + 2.0 * g.inverse_mass * q.x,
+                                  start.y + 2.0 * g.inverse_mass * q.y, a, b);
+            q = struck(&middle, q, violation(&g, &middle, q));
+            energy += g.inverse_mass * (q.x * q.x + q.y * q.y);
+            home = spin_home(&g.body, &q.spin, &energy);
+            end = node_at(&g, middle.x + 2.0 * g.inverse_mass * q.x,
+                          middle.y + 2.0 * g.inverse_mass * q.y, homeward(a, &home),
+                          homeward(b, &home));
+            l1 = inverse_cholesky(&end);
+            returned = times(l1, violation(&g, &end, q));
+            pair closing = matched(&g, &start, l0, &end, l1, returned);
+            closing = (pair){closing.first - nu.first, closing.second - nu.second};
+            learn(&j, moved, (pair){closing.first - before.first, closing.second - before.second},
+                  energy);
+            moved.first = -(j.j11 * closing.first + j.j12 * closing.second);
+            moved.second = -(j.j21 * closing.first + j.j22 * closing.second);
+            before = closing;
+            nu = (pair){nu.first + moved.first, nu.second + moved.second};
+            double left = fabs(closing.first * moved.first) + fabs(closing.second * moved.second);
+            iterations++;
+            double now = left / energy;
+            if (finished(now, last, now, 0))
+                break;
+            last = now;
+        }
+        u[0] = over * nu.first;
+        u[1] = over * nu.second;
+        remember(&w, u, 2);
+        pair lambda = transposed_times(l1, returned);
+        p = pushed(&end, q, (pair){-lambda.first, -lambda.second});
+        R.a = scaled(1.0 / g.r, end.a);
+        R.b = scaled(1.0 / g.r, end.b);
+        if (CARRIED_ROWS == 3)
+            R.c = homeward(outward(R.c, &out), &home);
+        R = restored(R);
+        start = end;
+        l0 = l1;
+    }
+    store_state(start.x, start.y, R, p, last_unit, state);
     return iterations;
 }

@@ -1,4 +1,4 @@
-/* What the three systems share: stopping rule, warm start, vectors of R^3.
+/* What the systems share: stopping rule, warm start, stages of a composition, vectors of R^3.
 
    The numbers of groupoid_gni.codegen.newton_rule come in as macros (-DAT_ROUND_OFF=...), so that
    both sides always iterate to the same tolerance. */
@@ -11,7 +11,7 @@
 /* -O2 alone calls the larger helpers, which sends their arguments through memory */
 #define INLINE static inline __attribute__((always_inline))
 #define FAILED (-1)
-enum { MOST_UNKNOWNS = 8 };
+enum { MOST_UNKNOWNS = 9 };
 
 /* t = e^2 of the last update and of the one before, and e^2 left in the next state. */
 INLINE int finished(double now, double last, double left, int quadratic)
@@ -24,7 +24,32 @@ INLINE int finished(double now, double last, double left, int quadratic)
         | ((now >= STAGNATION * last) & (now <= STAGNATION_LEVEL));
 }
 
-/* The unknowns of the last HISTORY steps, in a ring whose newest row is `newest`. */
+/* A step is STAGES stages of the sizes `fraction`; `growth`: each over the one before it. */
+static const double fraction[STAGES] = FRACTIONS, growth[STAGES] = GROWTH;
+
+#define EACH_STAGE \
+    for (int64_t step = 0; step < steps; step++) \
+        for (int stage = 0; stage < STAGES; stage++)
+
+/* A constant where a step is one stage, so that nothing is left of it. */
+INLINE double size_of(int stage)
+{
+    return STAGES > 1 ? fraction[stage] : 1.0;
+}
+
+INLINE double growth_of(int stage)
+{
+    return STAGES > 1 ? growth[stage] : 1.0;
+}
+
+/* The inverse slope of what closes a stage is -1/2 + O(size of the stage). */
+INLINE double regrown(double inverse, int stage)
+{
+    return STAGES > 1 ? growth[stage] * (inverse + 0.5) - 0.5 : inverse;
+}
+
+/* The unknowns of the last HISTORY stages, in a ring whose newest row is `newest`. They are kept
+   over the size of their stage (nu: over its cube), which makes them smooth from stage to stage. */
 typedef struct {
     double past[HISTORY][MOST_UNKNOWNS];
     int newest;
@@ -33,33 +58,33 @@ typedef struct {
 INLINE void fill(warm_start *w, const double *values, int n)
 {
     for (int k = 0; k < HISTORY; k++)
-#pragma GCC unroll 8
+#pragma GCC unroll 9
         for (int i = 0; i < n; i++)
             w->past[k][i] = values[i];
     w->newest = 0;
 }
 
 /* The newest row last: it is the one that has just been computed. */
-INLINE void extrapolate(const warm_start *w, double *restrict guess, int n)
+INLINE void extrapolate(const warm_start *w, int stage, double *restrict guess, int n)
 {
-    static const double weight[HISTORY] = EXTRAPOLATION;
+    static const double weight[STAGES][HISTORY] = EXTRAPOLATION;
     int row = w->newest;
-#pragma GCC unroll 8
+#pragma GCC unroll 9
     for (int i = 0; i < n; i++)
         guess[i] = 0.0;
-#pragma GCC unroll 8
+#pragma GCC unroll 12
     for (int k = HISTORY - 1; k >= 0; k--) {
         row = row ? row - 1 : HISTORY - 1;
-#pragma GCC unroll 8
+#pragma GCC unroll 9
         for (int i = 0; i < n; i++)
-            guess[i] += weight[k] * w->past[row][i];
+            guess[i] += weight[stage][k] * w->past[row][i];
     }
 }
 
 INLINE void remember(warm_start *w, const double *values, int n)
 {
     w->newest = (w->newest ? w->newest : HISTORY) - 1;
-#pragma GCC unroll 8
+#pragma GCC unroll 9
     for (int i = 0; i < n; i++)
         w->past[w->newest][i] = values[i];
 }

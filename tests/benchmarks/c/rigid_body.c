@@ -73,7 +73,7 @@ int64_t rattle(const double *parameters, double h, double *state, int64_t steps)
     store(velocity(&b, m), u);
     fill(&w, u, 3);
     for (int64_t step = 0; step < steps; step++) {
-        extrapolate(&w, u, 3);
+        extrapolate(&w, 0, u, 3);
         vector s = load(u), pi = times(&b, s);
         double last = BEFORE_FIRST;
         for (int i = 0;; i++) {
@@ -102,18 +102,22 @@ int64_t projected(const double *parameters, double h, double *state, int64_t ste
     const vector once = scaled(1.0 / b.gram, b.mu), twice = scaled(2.0, once);
     const vector normal = scaled(1.0 / sqrt(b.gram), b.mu);
     const vector component = scaled(1.0 / sqrt(b.gram), b.raised);
-    vector m = scaled(0.25 * h, load(state));
+    const double last_unit = 0.25 * h * size_of(STAGES - 1);
+    vector m = scaled(last_unit, load(state));
     double inverse = -0.5, u[7] = {0.0};
     int64_t iterations = 0;
     warm_start w;
-    store(velocity(&b, m), u);
+    store(scaled(1.0 / size_of(STAGES - 1), velocity(&b, m)), u);
     store(load(u), u + 3);
     fill(&w, u, 7);
-    for (int64_t step = 0; step < steps; step++) {
-        extrapolate(&w, u, 7);
-        vector out = load(u), home = load(u + 3);
+    EACH_STAGE {
+        const double part = size_of(stage), over = 1.0 / part;
+        m = scaled(growth_of(stage), m);
+        inverse = regrown(inverse, stage);
+        extrapolate(&w, stage, u, 7);
+        vector out = scaled(part, load(u)), home = scaled(part, load(u + 3));
         vector arrived;
-        double nu = u[6], last = BEFORE_FIRST, moved = 0.0, before = 0.0;
+        double nu = part * part * part * u[6], last = BEFORE_FIRST, moved = 0.0, before = 0.0;
         for (int i = 0;; i++) {
             double work = 0.0, energy = TINY;
             if (i == MAX_ITERATIONS)
@@ -140,12 +144,12 @@ int64_t projected(const double *parameters, double h, double *state, int64_t ste
                 break;
             last = now;
         }
-        store(out, u);
-        store(home, u + 3);
-        u[6] = nu;
+        store(scaled(over, out), u);
+        store(scaled(over, home), u + 3);
+        u[6] = over * over * over * nu;
         remember(&w, u, 7);
         m = add(arrived, -dot(b.raised, arrived), once);
     }
-    store(scaled(4.0 / h, m), state);
+    store(scaled(1.0 / last_unit, m), state);
     return iterations;
 }
