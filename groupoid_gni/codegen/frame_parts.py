@@ -1,8 +1,9 @@
-"""Long straight-line code as many short functions that share a frame in memory.
+"""Long straight-line code as short functions and loops that share a frame in memory.
 
 One function of 50,000 lines costs the code generator seconds, fifty of 1,000 lines a fraction: the
-allocation of registers is what grows faster than the code. Values that one part hands to another
-live in the frame; within a part they stay in registers.
+allocation of registers is what grows faster than the code. What is alike from body to body is one
+loop, whatever their number. Values that one part hands to another live in the frame; within a part,
+or a round of a loop, they stay in registers.
 """
 
 from __future__ import annotations

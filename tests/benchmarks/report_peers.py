@@ -32,7 +32,7 @@ from groupoid_gni.reports.sections import Comparisons  # noqa: E402
 PACKAGES = ("heyoka", "CyRK", "numba", "scikit-sundae", "diffrax", "jax", "mujoco",
             "exudyn")  # fmt: skip
 MODULES = {"heyoka": "heyoka", "CyRK": "CyRK", "scikit-sundae": "sksundae", "diffrax": "diffrax",
-           "mujoco": "mujoco"}  # fmt: skip
+           "mujoco": "mujoco", "exudyn": "exudyn"}  # fmt: skip
 MOST_STEPS = 1_000_000
 
 

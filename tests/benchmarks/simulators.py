@@ -347,7 +347,7 @@ def exudyn_lines(exudyn: Any, steps: tuple[float, ...]) -> Iterator[tuple[str, f
 
 def _disc_text(exudyn: Any, body: list[list[str]], faster: list[list[str]]) -> str:
     note = (
-        "Exudyn is not installed (pip install exudyn) and left out."
+        "Exudyn is not installed (pip install 'groupoid-gni[peers]') and left out."
         if exudyn is None
         else f"Exudyn {exudyn.__version__}: its joint for rolling discs, in two formulations, fast "
         "build. For balls it has contacts by penalty only."
