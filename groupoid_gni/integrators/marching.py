@@ -56,8 +56,9 @@ _BASE_TOLERANCE = 1e-6
 _JUMP = 0.1
 """Relative change of the velocity in a rescued stage from which on it is suspect."""
 _SURPRISE = 0.01
-"""Relative error of an extrapolation from which on a step that stands out may be suspect, for every
-stage of a step: compositions take larger steps."""
+"""Relative error of an extrapolation from which on a step that stands out may be suspect."""
+_SURPRISE_PER_STAGE = 0.02
+"""The same for a composition, times its stages: compositions take larger steps."""
 _UNRESOLVED = 0.5
 """Relative change of the velocity in one of the steps about it from which on it is."""
 _BEFORE, _AFTER = 6, 2
@@ -433,7 +434,7 @@ def surprise_of(
     """
     stages = runner.program.stages
     error, stage = runner.surprise(passed[-1].memory)
-    if error <= _SURPRISE * stages:
+    if error <= (_SURPRISE if stages == 1 else _SURPRISE_PER_STAGE * stages):
         return 0.0, 0
     step = stage // stages
     first = max(step - _BEFORE, 0) * stages

@@ -690,6 +690,7 @@ def test_the_chart_breaks_down_near_two_pi_and_the_global_ball_does_not(distance
 
 
 @pytest.mark.filterwarnings("ignore::groupoid_gni.RescuedStepsWarning")
+@pytest.mark.filterwarnings("ignore::groupoid_gni.SurprisingStepWarning")
 @pytest.mark.parametrize("distance", [pytest.param(0.03, marks=SLOW), 1e-3])
 @pytest.mark.parametrize(
     "method",
