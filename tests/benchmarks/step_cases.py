@@ -43,10 +43,11 @@ SCHEMES = {
     "projected": Scheme("projected GNI()", "GNI 2", gni.GNI(), "projected"),
     "order 4": Scheme("GNI(order=4)", "GNI 4", gni.GNI(order=4), "projected", 4),
     "order 6": Scheme("GNI(order=6)", "GNI 6", gni.GNI(order=6), "projected", 4),
+    "order 8": Scheme("GNI(order=8)", "GNI 8", gni.GNI(order=8), "projected", 4),
     "energy": Scheme(f"{_ENERGY}", "GNI 2, energy", _ENERGY, "energy_preserving"),
     "splitting": Scheme(f"{_SPLITTING}", "GNI 4, splitting", _SPLITTING, "splitting", 4),
 }
-MAIN = ("rattle", "projected", "order 4", "order 6")
+MAIN = ("rattle", "projected", "order 4", "order 6", "order 8")
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ def _load():
 step_cost = _load()
 FOUNDATION = [make for make in step_cost.CASES if make().foundation]
 WRITTEN = [
-    pytest.param(make, scheme, marks=pytest.mark.slow if scheme == "order 6" else ())
+    pytest.param(make, scheme, marks=pytest.mark.slow if scheme in ("order 6", "order 8") else ())
     for make, scheme in itertools.product(step_cost.CASES, step_cost.SCHEMES)
     if scheme in make().schemes
 ]
