@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterable, Iterator
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -80,9 +81,16 @@ class FramedTape:
         self._done = np.zeros(len(tape.operations), dtype=bool)
         self._part_of: Integers = np.full(len(tape.operations), -1, dtype=np.int64)
         self._parts = 0
-        self._users = _users(tape)
-        self._neighbourhood = _neighbourhoods(tape, homes)
+        self._homes = homes
         self._alike = Alike.of(tape)
+
+    @cached_property
+    def _users(self) -> list[list[int]]:
+        return _users(self.tape)
+
+    @cached_property
+    def _neighbourhood(self) -> list[float]:
+        return _neighbourhoods(self.tape, self._homes)
 
     def compute(self, indices: Iterable[int], levels: Iterable[int]) -> Iterator[str]:
         """Calls that compute those of the operations on the levels that are not there yet."""
@@ -94,9 +102,10 @@ class FramedTape:
         ]
         if not todo:
             return
+        scheduled = schedule(self._alike, todo)
         parts = [
-            piece for part in schedule(self._alike, todo)
-            for piece in ([part] if isinstance(part, Loop) else self._pieces(part))
+            piece for part in scheduled
+            for piece in ([part] if isinstance(part, Loop) else self._pieces(part, scheduled))
         ]
         for part in parts:
             self._number(part)
@@ -105,8 +114,11 @@ class FramedTape:
         for part in parts:
             yield self._loop(part) if isinstance(part, Loop) else self._straight(part.operations)
 
-    def _pieces(self, part: Straight) -> list[Straight]:
-        order = self._neighbours_first(part.operations)
+    def _pieces(self, part: Straight, scheduled: list[Straight | Loop]) -> list[Straight]:
+        """Cut to length; what is left beside loops is little, and stays in its order."""
+        order = part.operations
+        if len(scheduled) == 1:
+            order = self._neighbours_first(order)
         return [Straight(order[k : k + _LENGTH]) for k in range(0, len(order), _LENGTH)]
 
     def _neighbours_first(self, todo: list[int]) -> list[int]:

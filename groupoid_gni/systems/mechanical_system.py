@@ -269,6 +269,13 @@ class MechanicalSystem:
         copy.__dict__["parameters"] = values
         return copy
 
+    def has_numbers_of(self, other: MechanicalSystem) -> bool:
+        """Whether both are the same system with equal parameters (see ``with_parameters``)."""
+        return self is other or (
+            self._recorded is other._recorded
+            and np.array_equal(self.parameter_vector, other.parameter_vector)
+        )
+
     def evaluate(self, name: str, base: ArrayLike) -> FloatArray:
         """Value of ``metric``, ``constraints``, ... at base points (..., base_size).
 
@@ -337,7 +344,7 @@ class MechanicalSystem:
 
     def checked_again(self, start: State) -> State:
         """A start made earlier, perhaps with other parameters, checked for this system; silent."""
-        if start.checked_by is self:
+        if start.checked_by is not None and start.checked_by.has_numbers_of(self):
             return start
         base = start.base if self.space.base_size else None
         return checked_state(self, base, start.velocity, False, verified=True)[0]

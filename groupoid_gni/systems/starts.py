@@ -175,14 +175,13 @@ def _check_finite_terms(system: MechanicalSystem, x: FloatArray) -> None:
 def checked_metric(system: MechanicalSystem, x: FloatArray) -> FloatArray:
     """The metric at x, if it is finite, symmetric and positive definite."""
     metric = system.evaluate("metric", x)
-    where = place(x)
     if not np.all(np.isfinite(metric)):
-        raise InputError(f"metric is not finite {where}:\n{metric}")
+        raise InputError(f"metric is not finite {place(x)}:\n{metric}")
     asymmetry = float(np.max(np.abs(metric - metric.T)))
     if asymmetry > 1e-12 * float(np.max(np.abs(metric))):
         i, j = np.unravel_index(np.argmax(np.abs(metric - metric.T)), metric.shape)
         raise InputError(
-            f"metric is not symmetric {where}: entry [{i},{j}] is {metric[i, j]:.6g} but "
+            f"metric is not symmetric {place(x)}: entry [{i},{j}] is {metric[i, j]:.6g} but "
             f"[{j},{i}] is {metric[j, i]:.6g}; return (G + G.T) / 2 if that is what you mean"
         )
     scale = np.sqrt(np.abs(np.diag(metric)))
@@ -190,7 +189,7 @@ def checked_metric(system: MechanicalSystem, x: FloatArray) -> FloatArray:
     smallest = float(np.min(np.linalg.eigvalsh(metric / np.outer(scale, scale))))
     if smallest <= len(scale) * _EPSILON:
         raise InputError(
-            f"metric is not positive definite {where}: its smallest eigenvalue is "
+            f"metric is not positive definite {place(x)}: its smallest eigenvalue is "
             f"{float(np.min(np.linalg.eigvalsh(metric))):.3g}; every direction needs inertia "
             "(leave a massless direction out of the model, or give it a small mass)"
         )

@@ -713,3 +713,20 @@ def test_a_start_survives_pickling_and_is_checked_again_where_it_arrives(knife_e
     checked = knife_edge.checked_again(again)
     assert checked.checked_by is knife_edge
     assert knife_edge.checked_again(checked) is checked
+
+
+def test_a_start_is_not_checked_again_where_all_parameters_are_equal():
+    system = gni.MechanicalSystem(
+        gni.SE2(), metric=lambda x, p: np.diag([p.J, p.m, p.m]),
+        constraints=[[0.0, 0.0, 1.0]], parameters={"m": 1.3, "J": 0.4},
+    )
+    start = system.with_parameters(m=2.2).state(velocity=[0.4, 0.7, 0.0])
+    assert system.with_parameters(m=2.2).checked_again(start) is start
+    other = system.with_parameters(m=2.3).checked_again(start)
+    assert other is not start
+    np.testing.assert_allclose(other.momentum, [0.16, 1.61, 0.0], rtol=1e-14)
+    alike = gni.MechanicalSystem(
+        gni.SE2(), metric=lambda x, p: np.diag([p.J, 3 * p.m, p.m]),
+        constraints=[[0.0, 0.0, 1.0]], parameters={"m": 2.2, "J": 0.4},
+    )
+    np.testing.assert_allclose(alike.checked_again(start).momentum[1], 4.62, rtol=1e-14)
