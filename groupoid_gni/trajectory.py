@@ -24,8 +24,8 @@ from groupoid_gni.systems import MechanicalSystem, real_array
 
 _FORMAT = "groupoid_gni trajectory 1"
 _ARROW_TOLERANCE = 1e-8
-# relative change of the velocity in one step from which on the summary speaks of it
-_UNRESOLVED = 0.5
+UNRESOLVED = 0.5
+"""Relative change of the velocity in one step from which on it is spoken of."""
 # CasADi evaluates a few thousand points at once faster than a million
 _BLOCK = 4096
 
@@ -216,10 +216,7 @@ class Trajectory:
         In the norm of the metric. Near one or above, the motion is not resolved by the nodes; if
         every step was saved, not by the steps either, however well the energy is kept.
         """
-        xi = self.velocities
-        change = self.system.speeds(self.base[1:], np.diff(xi, axis=0))
-        speeds = self.system.speeds(self.base, xi)
-        return np.asarray(change / np.maximum(np.maximum(speeds[1:], speeds[:-1]), 1e-300))
+        return self.system.velocity_changes(self.base, self.velocities)
 
     @property
     def newton_iterations(self) -> FloatArray:
@@ -431,7 +428,7 @@ class Trajectory:
         if steps and steps == len(self) - 1 and not self.own_steps:
             changes = self.velocity_changes()
             worst = int(np.argmax(changes))
-            if changes[worst] > _UNRESOLVED:
+            if changes[worst] > UNRESOLVED:
                 lines.append(
                     f"  resolution   the velocity changes by {changes[worst]:.0%} in the step from "
                     f"t = {self.times[worst]:g}: compare with half the step"

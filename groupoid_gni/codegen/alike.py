@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -33,7 +34,7 @@ Integers = npt.NDArray[np.int64]
 _Hashes = npt.NDArray[np.uint64]
 
 
-def mixed(values: npt.NDArray[np.integer]) -> _Hashes:
+def _mixed(values: npt.NDArray[np.integer]) -> _Hashes:
     """A hash of every entry."""
     x = values.astype(np.uint64)
     for shift in (31, 29):
@@ -71,19 +72,19 @@ class Graph:
         self._edge_keys, self._edge_users = keys[order], self.user[order]
 
     def _coloured(self) -> _Hashes:
-        start = mixed(self.codes + 1000) + mixed(self.constants) + mixed(self.entries[:, 0])
-        colours = mixed(start)
+        start = _mixed(self.codes + 1000) + _mixed(self.constants) + _mixed(self.entries[:, 0])
+        colours = _mixed(start)
         for _ in range(_ROUNDS):
-            around = mixed(colours)
+            around = _mixed(colours)
             place = (self.position + 2).astype(np.uint64)
-            np.add.at(around, self.user, mixed(colours[self.source] * place))
-            np.add.at(around, self.source, mixed(colours[self.user] * (place + np.uint64(9))))
-            colours = mixed(around)
+            np.add.at(around, self.user, _mixed(colours[self.source] * place))
+            np.add.at(around, self.source, _mixed(colours[self.user] * (place + np.uint64(9))))
+            colours = _mixed(around)
         return colours
 
     @staticmethod
     def _keys(source: Integers, colours: _Hashes, position: Integers) -> _Hashes:
-        return mixed(mixed(source) + colours * (position + 3).astype(np.uint64))
+        return _mixed(_mixed(source) + colours * (position + 3).astype(np.uint64))
 
     def seeds(self) -> list[tuple[int, Integers]]:
         """Operations of one colour that read an input in arithmetic progression, longest first.
@@ -92,7 +93,7 @@ class Graph:
         """
         reads = self.codes[self.source] == ca.OP_INPUT
         users, sources = self.user[reads], self.source[reads]
-        colours = self.colours[users] + mixed(self.position[reads])
+        colours = self.colours[users] + _mixed(self.position[reads])
         order = np.lexsort((self.entries[sources, 1], colours))
         users, sources, colours = users[order], sources[order], colours[order]
         cuts = np.flatnonzero(colours[1:] != colours[:-1]) + 1
@@ -225,8 +226,7 @@ class Alike:
         if self._extended(reached, there & ~free, free):
             return
         codes = self.graph.codes[reached[free]]
-        values, counts = np.unique(codes, return_counts=True)
-        free[free] = codes == values[counts.argmax()]
+        free[free] = codes == _commonest(codes)
         chosen = reached[free]
         if len(chosen) < FEWEST or len(np.unique(chosen)) != len(chosen):
             return
@@ -242,8 +242,7 @@ class Alike:
         mine[known] = self.bundle_of[reached[known]] == len(self.bundles) - 1
         if mine.sum() < FEWEST or mine.sum() < free.sum():
             return False
-        numbers, counts = np.unique(self.class_of[reached[mine]], return_counts=True)
-        number = int(numbers[counts.argmax()])
+        number = int(_commonest(self.class_of[reached[mine]]))
         places = np.flatnonzero(mine)
         places = places[self.class_of[reached[places]] == number]
         offsets = self.place[reached[places]] - places
@@ -273,12 +272,9 @@ class Alike:
                 continue
             operations = members[places]
             numbers, entries = self.graph.entries[operations].T
-            steps, counts = np.unique(
-                np.diff(entries) // np.maximum(np.diff(places), 1), return_counts=True
-            )
-            origins = entries - steps[counts.argmax()] * places + numbers * (1 << 40)
-            values, counts = np.unique(origins, return_counts=True)
-            strange = origins != values[counts.argmax()]
+            step = _commonest(np.diff(entries) // np.maximum(np.diff(places), 1))
+            origins = entries - step * places + numbers * (1 << 40)
+            strange = origins != _commonest(origins)
             self.class_of[operations[strange]] = -1
             self.bundle_of[operations[strange]] = -1
             members[places[strange]] = -1
@@ -293,8 +289,7 @@ class Alike:
             return regular
         for position in range(3):
             patterns = self._patterns(operations, self.graph.arguments[operations, position])
-            values, counts = np.unique(patterns, return_counts=True)
-            alike &= patterns == values[counts.argmax()]
+            alike &= patterns == _commonest(patterns)
         regular[there] = alike
         return regular
 
@@ -303,9 +298,9 @@ class Alike:
         known = np.maximum(arguments, 0)
         together = (self.bundle_of[known] == self.bundle_of[operations]) & (arguments >= 0)
         offsets = self.place[known] - self.place[operations]
-        moved = mixed(self.class_of[known]) + mixed(offsets + 1_000_000) * np.uint64(3)
-        constant = mixed(self.graph.constants[known]) * np.uint64(5)
-        fixed = mixed(arguments + 7) * np.uint64(7)
+        moved = _mixed(self.class_of[known]) + _mixed(offsets + 1_000_000) * np.uint64(3)
+        constant = _mixed(self.graph.constants[known]) * np.uint64(5)
+        fixed = _mixed(arguments + 7) * np.uint64(7)
         return np.where(
             together, moved, np.where(self._constant[known] & (arguments >= 0), constant, fixed)
         )
@@ -330,6 +325,12 @@ def _best_cut(regular: npt.NDArray[np.bool_], begin: int, end: int) -> tuple[int
             if covered > most:
                 best, most = (first, last), covered
     return best
+
+
+def _commonest(values: npt.NDArray[Any]) -> Any:
+    """The value that occurs most often; of several the smallest."""
+    found, counts = np.unique(values, return_counts=True)
+    return found[counts.argmax()]
 
 
 def _longest_progression(entries: Integers) -> tuple[int, int]:

@@ -36,13 +36,16 @@ class Loop:
     upwards: bool
 
 
-@dataclass
+@dataclass(eq=False)
 class _Sweep:
     """A loop while it is filled. direction: 1 upwards, -1 downwards, 0 either way."""
 
     stretch: tuple[int, int, int]
     direction: int = 0
     nodes: list[int] = field(default_factory=list)
+
+
+_Phases = dict[int, tuple[list[int], list[_Sweep]]]
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,7 @@ def schedule(alike: Alike, todo: Sequence[int]) -> list[Straight | Loop]:
         component, size = _components(edges, len(nodes.operations))
         bad = _not_a_sweep(nodes, edges, component)
         if not bad:
-            return _parts(alike, nodes, _phases(nodes, edges, component, size))
+            return _parts(nodes, _phases(nodes, edges, component, size))
         barred |= {
             (int(alike.class_of[nodes.operations[k]]), int(alike.place[nodes.operations[k]]))
             for k in bad
@@ -141,7 +144,7 @@ def _not_a_sweep(nodes: _Nodes, edges: Integers, component: Integers) -> set[int
 
 def _phases(
     nodes: _Nodes, edges: Integers, component: Integers, size: Integers
-) -> dict[int, tuple[list[int], list[_Sweep]]]:
+) -> _Phases:
     """Per phase the single nodes and the sweeps, as early as possible.
 
     In a phase single nodes come first; a sweep may be joined by what depends on it place by place.
@@ -155,7 +158,7 @@ def _phases(
     parts: list[list[int]] = [[] for _ in size]
     for node, number in enumerate(component.tolist()):
         parts[number].append(node)
-    phases: dict[int, tuple[list[int], list[_Sweep]]] = {}
+    phases: _Phases = {}
     placed: dict[int, tuple[int, _Sweep | None]] = {}
     for number in _in_order(outgoing):
         mine = parts[number]
@@ -178,7 +181,7 @@ def _phases(
 
 
 def _joined(
-    phases: dict[int, tuple[list[int], list[_Sweep]]],
+    phases: _Phases,
     given: list[tuple[int, _Sweep | None, int]],
     stretch: tuple[int, int, int],
     direction: int,
@@ -214,9 +217,7 @@ def _in_order(outgoing: list[set[int]]) -> Iterable[int]:
     return ready
 
 
-def _parts(
-    alike: Alike, nodes: _Nodes, phases: dict[int, tuple[list[int], list[_Sweep]]]
-) -> list[Straight | Loop]:
+def _parts(nodes: _Nodes, phases: _Phases) -> list[Straight | Loop]:
     found: list[Straight | Loop] = []
     for _, (single, sweeps) in sorted(phases.items()):
         if single:

@@ -70,11 +70,13 @@ class FreeFlight(FlightRule):
     def _averages_kinetic_momenta(self) -> bool:
         """Whether dl/dxi is the constant G times xi: no Lagrangian at a point that xi moves."""
         e = self._expressions
+        if not e.metric_is_constant:
+            return False
         sizes = (e.base_size, e.base_size, e.rank, 1, e.parameter_size)
         given = [ca.SX.sym("given", size) for size in sizes]
         x0, x1, _, h, _ = given
         slope = self._gradients(*given)[2]
-        return e.metric_is_constant and not ca.depends_on(slope, ca.vertcat(x0, x1, h))
+        return not ca.depends_on(slope, ca.vertcat(x0, x1, h))
 
     def legendre_minus(self, x0: ca.SX, xi: ca.SX, h: ca.SX, theta: ca.SX) -> ca.SX:
         """``FL-(g)`` in A* at the source."""

@@ -77,9 +77,11 @@ def _facing(last: Node, node: Node, scales: ca.SX) -> list[Any]:
     facing = ca.mtimes(last.mu, node.normal)
     sizes: list[Any] = []
     for group in coupled_groups(ca.sparsify(facing) + node.gram):
-        grams = [n.gram[group, group] for n in (last, node)]
-        judged = _eigenvalues_of_two if len(group) == 2 else _pivots
-        numbers = judged(facing[group, group], *grams)
+        overlap, after = facing[group, group], node.gram[group, group]
+        if len(group) == 2:
+            numbers = _eigenvalues_of_two(overlap, after)
+        else:
+            numbers = _pivots(overlap, last.gram[group, group], after)
         least = numbers[-1]
         for number in reversed(numbers[:-1]):
             least = ca.if_else(number > 0, least, number)
@@ -87,7 +89,7 @@ def _facing(last: Node, node: Node, scales: ca.SX) -> list[Any]:
     return sizes
 
 
-def _eigenvalues_of_two(facing: ca.SX, before: ca.SX, after: ca.SX) -> list[Any]:
+def _eigenvalues_of_two(facing: ca.SX, after: ca.SX) -> list[Any]:
     """``det F`` and ``trace adj(C') F``: the product and the sum, times ``det C' > 0``."""
     mixed = (facing[0, 1] + facing[1, 0]) * after[0, 1]
     return [

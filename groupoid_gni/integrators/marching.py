@@ -43,7 +43,7 @@ from groupoid_gni.integrators.preparation import Starts, prepare
 from groupoid_gni.integrators.requests import check_memory
 from groupoid_gni.outcomes import Outcome
 from groupoid_gni.systems import MechanicalSystem, State
-from groupoid_gni.trajectory import Trajectory
+from groupoid_gni.trajectory import UNRESOLVED, Trajectory
 
 _FIRST_CHUNK = 1000
 _CHUNK_SECONDS = 0.01
@@ -59,8 +59,6 @@ _SURPRISE = 0.01
 """Relative error of an extrapolation from which on a step that stands out may be suspect."""
 _SURPRISE_PER_STAGE = 0.02
 """The same for a composition, times its stages: compositions take larger steps."""
-_UNRESOLVED = 0.5
-"""Relative change of the velocity in one of the steps about it from which on it is."""
 _BEFORE, _AFTER = 6, 2
 """Steps looked at, before and from the one that stands out."""
 
@@ -397,10 +395,7 @@ def _changes_of_velocity(
 ) -> FloatArray:
     """From state to state, relative to the larger of both, in the metric."""
     bases, momenta = program.layout.node(states)
-    velocities = system.velocities(bases, momenta)
-    speeds = system.speeds(bases, velocities)
-    changes = system.speeds(bases[1:], np.diff(velocities, axis=0))
-    return np.asarray(changes / np.maximum(np.maximum(speeds[1:], speeds[:-1]), 1e-300))
+    return system.velocity_changes(bases, system.velocities(bases, momenta))
 
 
 def _rescue_complaint(run: Trajectory, rescued: Rescued, request: _Request) -> str:
@@ -444,7 +439,7 @@ def surprise_of(
     _, rows, _ = runner.advance(parameters, begin, count, stages, controls)
     states = np.vstack([begin.state, rows[:, : runner.program.layout.size]])
     changes = _changes_of_velocity(system, runner.program, states)
-    return (error, step + 1) if np.max(changes, initial=0.0) > _UNRESOLVED else (0.0, 0)
+    return (error, step + 1) if np.max(changes, initial=0.0) > UNRESOLVED else (0.0, 0)
 
 
 def surprise_complaint(run: Trajectory) -> str:
@@ -456,7 +451,7 @@ def surprise_complaint(run: Trajectory) -> str:
         f"step {run.surprising_step} of {run.method_name}, which begins at t = {begins:g}, lies "
         f"{run.surprise:.2g} of the velocity away from what the steps before it led to expect, "
         "more than ten times as far as is usual in this run, and the velocity changes by more than "
-        f"{_UNRESOLVED:.0%} in a step there: the motion is faster than the steps resolve, or the "
+        f"{UNRESOLVED:.0%} in a step there: the motion is faster than the steps resolve, or the "
         "solution found belongs to another motion, and the run should not be trusted from there "
         "on. Compare with a run of half the step; near a singularity of a chart, use a groupoid "
         "that has no chart"

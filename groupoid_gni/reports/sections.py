@@ -329,9 +329,9 @@ CHAINED: dict[str, Method] = {
 }
 
 
-def _exponent(sizes: Sequence[int], models: Sequence[CostModel], least: int) -> float:
-    logs = np.log([[n, m.nanoseconds or np.nan] for n, m in zip(sizes, models, strict=True)
-                   if n >= least])  # fmt: skip
+def exponent(sizes: Sequence[int], costs: Sequence[float], least: int) -> float:
+    """Slope of log cost against log size, by least squares from the size ``least`` on."""
+    logs = np.log([pair for pair in zip(sizes, costs, strict=True) if pair[0] >= least])
     return float(np.polyfit(logs[:, 0], logs[:, 1], 1)[0])
 
 
@@ -352,11 +352,11 @@ def chains(request: Request) -> str:
     for name, method in CHAINED.items():
         found[name] = _chain_costs(request, sizes, method)
         request.say(f"chains, {name}")
+    times = {name: [m.nanoseconds or np.nan for m in models] for name, models in found.items()}
     growth = [
-        [name, *(f"{_exponent(sizes, models, least):.2f}" for least in (1, 5, 20)),
-         *(f"{(m.nanoseconds or np.nan) / n:.0f}" for n, m in
-           ((sizes[1], models[1]), (sizes[-1], models[-1]))), f"{models[-1].build.total:.2f}"]
-        for name, models in found.items()
+        [name, *(f"{exponent(sizes, ns, least):.2f}" for least in (1, 5, 20)),
+         *(f"{ns[k] / sizes[k]:.0f}" for k in (1, -1)), f"{found[name][-1].build.total:.2f}"]
+        for name, ns in times.items()
     ]  # fmt: skip
     models = found["GNI 2"]
     rows = [
@@ -367,9 +367,9 @@ def chains(request: Request) -> str:
     ]  # fmt: skip
     figure = plot_scaling(
         sizes,
-        {"ns per step": [m.nanoseconds or np.nan for m in models],
+        {"ns per step": times["GNI 2"],
          "seconds to derive, emit and compile": [m.build.total for m in models]},
-        "skates N", _exponent(sizes, models, 1),
+        "skates N", exponent(sizes, times["GNI 2"], 1),
     )  # fmt: skip
     heading = ["N", "ns per step", "per skate", "iterations", "IR lines", "derive s", "emit s",
                "LLVM s", "build s"]  # fmt: skip

@@ -316,6 +316,12 @@ class MechanicalSystem:
         """``|xi|`` in the metric at many nodes, (n,)."""
         return metric_norm(self.evaluate("metric", base), velocities)
 
+    def velocity_changes(self, base: FloatArray, velocities: FloatArray) -> FloatArray:
+        """``|xi_k+1 - xi_k|`` relative to the larger of ``|xi_k|``, ``|xi_k+1|``, (n - 1,)."""
+        change = self.speeds(base[1:], np.diff(velocities, axis=0))
+        speeds = self.speeds(base, velocities)
+        return np.asarray(change / np.maximum(np.maximum(speeds[1:], speeds[:-1]), 1e-300))
+
     def constraint_scales(self, base: FloatArray, speeds: FloatArray) -> FloatArray:
         """``|mu^a| (speed + |Y|)`` in the norms of the metric, (n, m); one where that is zero."""
         mu, drift = self.evaluate("constraints", base), self.evaluate("drift", base)

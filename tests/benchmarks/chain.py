@@ -18,16 +18,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 ROOT = Path(__file__).resolve().parents[2]
 if __name__ == "__main__":  # also from a checkout that is not installed
     sys.path.insert(0, str(ROOT))
 
 import groupoid_gni as gni  # noqa: E402
+from groupoid_gni.reports.sections import CHAINED, exponent  # noqa: E402
 
 SIZES = (1, 2, 5, 10, 20, 50, 100, 200)
-METHODS = (gni.Rattle(), gni.GNI(), gni.GNI(4, flow=gni.Splitting(), projection=None))
 
 
 @dataclass(frozen=True)
@@ -57,12 +55,6 @@ def chain_cost(skates: int, method: Any, steps: int = 200, repeats: int = 5) -> 
     )
 
 
-def exponent(costs: Sequence[ChainCost], least: int = 5) -> float:
-    """Slope of log time per step against log N, from N = ``least`` on."""
-    points = [(c.skates, c.step) for c in costs if c.skates >= least]
-    return float(np.polyfit(*np.log(np.array(points)).T, 1)[0])
-
-
 def table(costs: Sequence[ChainCost]) -> str:
     """One line per N."""
     lines = [
@@ -84,9 +76,10 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     os.environ["GROUPOID_GNI_CACHE"] = ""
     sizes = [n for n in SIZES if n <= (50 if options.quick else 200)]
-    for method in METHODS:
+    for method in CHAINED.values():
         costs = [chain_cost(n, method) for n in sizes]
-        print(f"\n{method}: time per step ~ N^{exponent(costs):.2f}\n\n{table(costs)}", flush=True)
+        slope = exponent(sizes, [cost.step for cost in costs], 5)
+        print(f"\n{method}: time per step ~ N^{slope:.2f}\n\n{table(costs)}", flush=True)
 
 
 if __name__ == "__main__":

@@ -393,41 +393,35 @@ INLINE vector homeward(vector v, const turns *t)
     return about_first(about_second(about_third(v, t->third), t->second), t->first);
 }
 
+/* The turn about one axis, whose energy is added. */
+INLINE angle turned_by(double inverse, double momentum, double *energy)
+{
+    double spin = inverse * momentum;
+    *energy += spin * momentum;
+    return cayley(spin);
+}
+
 /* Turns the spin momentum and adds its energy; outward and home. */
 INLINE turns spin_out(const axes *g, vector *p, double *energy)
 {
-    vector s;
     turns t;
-    s.x = g->inverse.x * p->x;
-    t.first = cayley(s.x);
-    *energy += s.x * p->x;
+    t.first = turned_by(g->inverse.x, p->x, energy);
     *p = about_first(*p, t.first);
-    s.y = g->inverse.y * p->y;
-    t.second = cayley(s.y);
-    *energy += s.y * p->y;
+    t.second = turned_by(g->inverse.y, p->y, energy);
     *p = about_second(*p, t.second);
-    s.z = g->inverse.z * p->z;
-    t.third = cayley(s.z);
-    *energy += s.z * p->z;
+    t.third = turned_by(g->inverse.z, p->z, energy);
     *p = about_third(*p, t.third);
     return t;
 }
 
 INLINE turns spin_home(const axes *g, vector *p, double *energy)
 {
-    vector s;
     turns t;
-    s.z = g->inverse.z * p->z;
-    t.third = cayley(s.z);
-    *energy += s.z * p->z;
+    t.third = turned_by(g->inverse.z, p->z, energy);
     *p = about_third(*p, t.third);
-    s.y = g->inverse.y * p->y;
-    t.second = cayley(s.y);
-    *energy += s.y * p->y;
+    t.second = turned_by(g->inverse.y, p->y, energy);
     *p = about_second(*p, t.second);
-    s.x = g->inverse.x * p->x;
-    t.first = cayley(s.x);
-    *energy += s.x * p->x;
+    t.first = turned_by(g->inverse.x, p->x, energy);
     *p = about_first(*p, t.first);
     return t;
 }
